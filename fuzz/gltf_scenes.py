@@ -1,4 +1,4 @@
-"""A good sample of a glTF scene: a textured mesh, its image in the JSON, a camera and a lamp."""
+"""A good sample of a glTF scene: a mesh with textures of colour and gloss in the JSON, a camera and a lamp."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ UV = np.array([[0, 0], [1, 0], [0, 1], [1, 1]], np.float32)
 
 
 def scene(path: Path) -> None:
-    """Text; its base colour is a factor times a PNG of 2 × 2 pixels."""
+    """Text; its base colour is a factor times a PNG of 2 × 2 pixels, its gloss another PNG."""
     from hagoromo.files.png import png_bytes
 
     record = gltf_record(_data(ARRAYS + UV.tobytes()))
@@ -27,11 +27,15 @@ def scene(path: Path) -> None:
     first["attributes"]["TEXCOORD_0"], first["material"] = 3, 0
     pixels = np.arange(12, dtype=np.uint8).reshape(2, 2, 3)
     light = {"type": "spot", "intensity": 3.0, "spot": {"outerConeAngle": 0.6}}
+    gloss = np.arange(90, 154, 4, dtype=np.uint8).reshape(2, 2, 4)
+    pbr = {"baseColorFactor": [0.5, 1, 1, 1], "baseColorTexture": {"index": 0}, "metallicFactor": 0.0}
+    specular = {"specularFactor": 0.5, "specularColorFactor": [1.0, 0.9, 0.8], "specularTexture": {"index": 1}}
+    material = {"extensions": {"KHR_materials_specular": specular, "KHR_materials_ior": {"ior": 1.4}}}
     record |= {
-        "materials": [{"pbrMetallicRoughness": {"baseColorFactor": [0.5, 1, 1, 1], "baseColorTexture": {"index": 0}}}],
-        "textures": [{"source": 0, "sampler": 0}],
+        "materials": [{"pbrMetallicRoughness": pbr | {"metallicRoughnessTexture": {"index": 1}}, **material}],
+        "textures": [{"source": 0, "sampler": 0}, {"source": 1}],
         "samplers": [{"magFilter": 9728}],
-        "images": [{"uri": _data(png_bytes(pixels))}],
+        "images": [{"uri": _data(png_bytes(pixels))}, {"uri": _data(png_bytes(gloss))}],
         "cameras": [{"type": "perspective", "perspective": {"yfov": 0.8, "znear": 0.1}}],
         "extensions": {"KHR_lights_punctual": {"lights": [light]}},
     }

@@ -253,6 +253,7 @@ SIMPLE = (
     Reader("scene.usda", usd_scenes.scene, usd_scenes.read, share=0.1, good=HAS_USD),
     Reader("scene.usdc", usd_scenes.scene_binary if HAS_USD else usd_scenes.scene, usd_scenes.read, share=0.1,
            good=HAS_USD),
+    Reader("scene.usdz", usd_scenes.scene_archive, usd_scenes.read, share=0.1, good=HAS_USD),
     Reader("mesh.serialized", mitsuba_scenes.serialized, _late("hagoromo.mitsuba.serialized", "read_serialized")),
     Reader("spectrum.csv", records.spectrum, _late("hagoromo.light.spectrum", "Spectrum.from_csv")),
     Reader("spectrum.spdx", records.text(records.SPDX), _late("hagoromo.light.spectrum_file", "read_spectrum_file")),

@@ -1,10 +1,13 @@
-"""A good sample of a USD scene, as text: units, cameras, lamps, meshes, materials, an instance."""
+"""A good sample of a USD scene, as text: units, cameras, lamps, meshes, materials, an instance; or in an archive."""
 
 from __future__ import annotations
 
 import tempfile
+import zipfile
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 SCENE = """#usda 1.0
 (
@@ -116,6 +119,25 @@ def scene_binary(path: Path) -> None:
     layer = library("pxr.Sdf").Layer.CreateAnonymous(".usda")
     layer.ImportFromString(SCENE)
     layer.Export(str(path))
+
+
+def scene_archive(path: Path) -> None:
+    """As an archive, with a picture for the colour of a material."""
+    from hagoromo.files.png import png_bytes
+
+    connected = """color3f inputs:diffuseColor.connect = </red/map.outputs:rgb>
+    }
+    def Shader "map" { uniform token info:id = "UsdUVTexture"
+        asset inputs:file = @maps/a.png@
+        float3 outputs:rgb
+    }
+    def Shader "rest" {"""
+    uvs = 'texCoord2f[] primvars:st = [(0, 0), (1, 0), (1, 1), (0, 1), (2, 0)] (interpolation = "vertex")\n'
+    text = SCENE.replace("color3f inputs:diffuseColor = (0.8, 0.1, 0.1)", connected)
+    text = text.replace("int[] faceVertexCounts", f"{uvs}int[] faceVertexCounts")
+    with zipfile.ZipFile(path, "w") as out:
+        out.writestr("a.usda", text)
+        out.writestr("maps/a.png", png_bytes(np.arange(12, dtype=np.uint8).reshape(2, 2, 3)))
 
 
 def read(path: Path) -> Any:

@@ -12,6 +12,7 @@ import hagoromo as hg
 from hagoromo.app.formats.gltf_scene import gltf_from_scene, scene_from_gltf
 from hagoromo.app.formats.pbr import linear
 from hagoromo.backend import arrays
+from hagoromo.errors import InputError
 from hagoromo.image.scene_file import load_scene
 from hagoromo.light.environment import upsampled
 from tests.files.test_gltf_textures import CORNERS, FACES, UV, address, gltf, parts_of
@@ -199,3 +200,13 @@ def test_gloss_between_rough_and_smooth_neighbours_keeps_to_the_light_received(t
 
     found, lost = foreign(tmp_path, change)
     assert found.gamma_texture is not None and any("of its gloss, which would" in each for each in lost)
+
+
+@pytest.mark.parametrize("number", [float("nan"), 1e400, "x", None, [1.0]])
+def test_numbers_that_are_none_are_refused(tmp_path, number):
+    def change(_, material):
+        material["pbrMetallicRoughness"] |= {"metallicFactor": 0.0, "roughnessFactor": number}
+
+    with pytest.raises(InputError) as refused:
+        foreign(tmp_path, change)
+    assert "\n" not in str(refused.value)

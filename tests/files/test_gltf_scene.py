@@ -176,3 +176,11 @@ def test_the_command_converts_both_ways(tmp_path, capsys):
     assert main(["convert", str(write(tmp_path)), "--out", str(tmp_path / "scene")]) == 0
     assert main(["convert", str(tmp_path / "scene" / "scene.toml"), "--out", str(tmp_path / "b.glb")]) == 0
     assert "lost: spectra" in capsys.readouterr().out
+
+
+def test_a_scene_without_meshes_is_refused(tmp_path):
+    def bare(record):
+        record["scenes"] = [{"nodes": []}]
+
+    with pytest.raises(InputError, match="no mesh in its scene"):
+        scene_from_gltf(write(tmp_path, [bare]), tmp_path / "scene")

@@ -58,6 +58,8 @@ def scene_from_gltf(path: str | Path, out: str | Path, force: bool = False) -> l
     no mesh.
     """
     record, meshes = read_gltf(path, numbered=True)
+    if meshes.bounds is None:
+        raise InputError(f"{path} has no mesh in its scene: give a glTF with triangles")
     made: list[str] = []
     with reading(path, "glTF"):
         placed = list(placed_nodes(record))
@@ -169,9 +171,9 @@ def _surfaces(
             if look.mapped and "vertex_colours" in (texture or {}):
                 lost.append(f"{texture_name}: its textures of gloss, as its colours are of vertices")
                 look = look._replace(roughness_map=None, specular_map=None)
-        if largest is not None:
-            look = look._replace(base=largest, textured=True)
-        tables = surface_of(look, to, f"material {material.get('name') or used}", folder, texture_name)
+            if largest is not None:
+                look = look._replace(base=largest, textured=True)
+            tables = surface_of(look, to, f"material {material.get('name') or used}", folder, texture_name)
         if tables.get("optics") and texture:
             lost.append(f"{texture_name}: the texture of its mirror or glass")
             texture = None

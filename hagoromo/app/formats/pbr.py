@@ -142,6 +142,9 @@ def surface_of(given: PbrMaterial, to: Converter, who: str, folder: Path, name: 
     A textured body keeps the alpha, and its largest colour in place of the texture.
     Maps become files in `folder` whose names begin with `name`.
     """
+    numbers = (*given.base, *given.tint, given.roughness, given.metallic, given.n, given.specular or 0.0)
+    if not np.isfinite(numbers).all():
+        raise ValueError(f"{who} has numbers that are not finite")
     n, rough = min(max(given.n, 1.0), CONDUCTOR_N), min(max(given.roughness, 0.0), 1.0)
     base, metal = np.clip(given.base, 0.0, 1.0), min(max(given.metallic, 0.0), 1.0)
     if given.glass:
