@@ -20,12 +20,12 @@ from hagoromo.app.formats.gltf_textures import (
     body_texture_of,
     extensions_of,
     is_of_squares,
-    look_of,
     material_of,
     textured_visual,
     vertex_colours,
 )
 from hagoromo.app.formats.pbr import PbrMaterial, lost_gloss, surface_of
+from hagoromo.app.formats.pbr_textures import look_of
 from hagoromo.camera.camera import Camera
 from hagoromo.camera.formats.nerfstudio import write_transforms
 from hagoromo.camera.pose import opencv_from_opengl, opengl_from_opencv
@@ -153,7 +153,7 @@ def _surfaces(
     nodes, materials = list(meshes.graph.nodes_geometry), record.get("materials", [])
     if not 0 < len(nodes) <= MOST_SURFACES:
         raise InputError(f"{path} has {len(nodes)} meshes: a scene is made of 1 to {MOST_SURFACES}")
-    to = Converter(folder, [])
+    to = Converter(folder, folder, [])
     for number, node in enumerate(nodes):
         place, name = meshes.graph[node]
         mesh = meshes.geometry[name].copy()

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.app.formats.gltf_scene import triangles_of, turned_z_to
-from hagoromo.app.formats.gltf_textures import look_of, lost_textures, uvs_of
 from hagoromo.app.formats.pbr import PbrMaterial, linear, lost_gloss, normal_fresnel
+from hagoromo.app.formats.pbr_textures import look_of, lost_textures, uvs_of
 from hagoromo.camera.camera import Camera
 from hagoromo.camera.pose import opengl_from_opencv
 from hagoromo.errors import InputError

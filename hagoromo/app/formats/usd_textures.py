@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.app.formats.gltf_textures import channel_of, picture_of, written_image
 from hagoromo.app.formats.pbr import PbrMaterial
+from hagoromo.app.formats.pbr_textures import channel_of, picture_of, written_image
 from hagoromo.files.checks import inside, read_bytes, sized_file
 from hagoromo.light.colour import srgb_decode
 
