@@ -42,12 +42,12 @@ AIR, SAME_INDEX = 1.000277, 1e-3  # refractive index, and how near two are alike
 class Converter:
     """Turns BSDFs into tables [surface.reflectance] of a scene.toml. `lost` grows by a line for each loss.
 
-    folder: of the scene's files. out: of those that are written. on_top: whether images lie with their first row at
-    v = 1 on the surface that is read; None for one without UVs, on which the means of images stand.
+    folder: of the scene's files. out: of the images that are written; None: means stand for them. on_top: whether
+    images lie with their first row at v = 1 on the surface that is read; None for one without UVs: means stand, too.
     """
 
-    def __init__(self, folder: Path, out: Path, lost: list[str]) -> None:
-        self.folder, self.out, self.lost = folder, out, lost
+    def __init__(self, folder: Path, lost: list[str], out: Path | None = None) -> None:
+        self.folder, self.lost, self.out = folder, lost, out
         self.on_top: bool | None = None
         self.images = 0
         self.glass: list[tuple[dict[str, Any], float, float, str]] = []  # reflectance, index inside, around; whose
@@ -128,12 +128,13 @@ class Converter:
 
     def is_placed(self, part: Any) -> bool:
         """Whether a texture is a bitmap that lies on the UVs of the surface as our images do."""
-        if not (isinstance(part, Mapping) and part["type"] == "bitmap" and self.on_top is not None):
+        if not (isinstance(part, Mapping) and part["type"] == "bitmap" and self.out and self.on_top is not None):
             return False
         return "to_uv" not in part and part.get("wrap_mode", "repeat") == "repeat"
 
     def image(self, values: Values, part: Table) -> dict[str, Any]:
         """The table of a texture whose image, of the values of a bitmap, is written."""
+        assert self.out is not None
         self.images += 1
         return written_bitmap(values, part, bool(self.on_top), self.out / f"texture_{self.images}.exr")
 
@@ -222,7 +223,7 @@ class Converter:
                 factor = max(record[key], 1e-9) if key == "beta" else 1.0
                 textures[f"{key}_texture"] = self.image(values / factor, given)
             elif given is not None:
-                record[key] = float(self.colour(given, WHITE, who).mean())
+                record[key] = float(self.colour(given, WHITE, who).mean() if isinstance(given, Mapping) else given)
         if bsdf.get("lobes"):
             record["lobes"] = [[float(x) for x in pair.split()] for pair in str(bsdf["lobes"]).split(",")]
         body, texture = self.body(bsdf.get("body_colour"), WHITE, who)

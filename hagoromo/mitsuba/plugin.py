@@ -204,11 +204,13 @@ def _lobes(text: str, where: str) -> list[list[float]]:
 
 
 def _largest(texture: Any) -> float:
-    """The largest value of a texture: of a bitmap that of its pixels, of attributes of a mesh 0…1 times their scale; 1
-    where neither is there.
-    """
+    """The largest value of a texture; of attributes of a mesh their scale, 1 of those that do not say it."""
     import mitsuba as mi
 
+    try:
+        return float(np.max(np.array(texture.max())))
+    except RuntimeError:  # bitmaps and attributes of meshes have no largest value of their own
+        pass
     keys: Any = mi.traverse(texture)
     if "data" in keys:
         return float(np.max(np.array(keys["data"])))

@@ -95,7 +95,7 @@ class _Scene:
     def __init__(self, home: Path, folder: Path) -> None:
         self.home, self.folder = home, folder
         self.lost: list[str] = []
-        self.bsdfs = Converter(home, folder, self.lost)
+        self.bsdfs = Converter(home, self.lost, folder)
         self.cameras: dict[str, Camera] = {}
         self.sections: dict[str, list[dict[str, Any]]] = {"lamp": [], "area_lamp": [], "surface": []}
         self.environment: dict[str, Any] | None = None
