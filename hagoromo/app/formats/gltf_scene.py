@@ -153,7 +153,7 @@ def _surfaces(
     nodes, materials = list(meshes.graph.nodes_geometry), record.get("materials", [])
     if not 0 < len(nodes) <= MOST_SURFACES:
         raise InputError(f"{path} has {len(nodes)} meshes: a scene is made of 1 to {MOST_SURFACES}")
-    to = Converter(folder, folder, [])
+    to = Converter(folder, [])
     for number, node in enumerate(nodes):
         place, name = meshes.graph[node]
         mesh = meshes.geometry[name].copy()

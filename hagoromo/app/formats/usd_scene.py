@@ -77,7 +77,7 @@ class _Scene:
     def __init__(self, parts: UsdParts, path: Path, home: Path, folder: Path) -> None:
         self.parts, self.home, self.folder = parts, home, folder
         self.lost = list(parts.lost)
-        self.bodies = Converter(home, folder, self.lost)
+        self.bodies = Converter(home, self.lost)
         self.textures = UsdTextures(path, home, folder, self.lost)
         self.known: dict[tuple[str, bool, bool], Table] = {}  # tables of materials
         self.environment: Table | None = None
