@@ -32,6 +32,7 @@ METALS = {"none": (1.0, 1.0, 1.0), "Ag": (0.971, 0.960, 0.915), "Al": (0.913, 0.
 MIRROR = {"alpha": 0.0, "beta": 0.0, "gamma": 0.2, "n": 1.5, "body_colour": 1.0}
 SMOOTH_COAT = 0.02  # roughness that stands for a smooth coat
 CONDUCTOR_N = 10.0  # the largest index: its Fresnel curve is flatter than that of any other
+HALVINGS = 10  # of the span of indices
 SMALL = 1e-6  # a β whose light is asked
 TAILS = 2.0  # exponent of GGX at small angles: (1 + tan²θ/α²)^−2
 
@@ -240,8 +241,11 @@ class Converter:
         return record | {"gamma": math.atan(width * math.sqrt(math.log(2.0)))}
 
     def conserving(self, record: dict[str, Any], colour: Spectrum, who: str) -> dict[str, Any]:
-        """With the colour of its gloss, and so much of it that the surface gives back no more than it receives."""
-        record = record | {"interface_colour": colour.record()}
+        """With the colour of its gloss, and so much of it that the surface gives back no more than it receives.
+
+        First its rise at grazing angles is made less, by a larger n with the same light along the normal.
+        """
+        record = self.flattened(record | {"interface_colour": colour.record()}, colour, who)
         most = largest_beta(record, record["body_colour"], colour)
         part = min(most / max(record["beta"], 1e-30), 1.0)
         if part < 1.0:
@@ -249,6 +253,30 @@ class Converter:
                 f"{who}: {1.0 - part:.0%} of its gloss, which would give back more than it receives at grazing angles"
             )
         return record | {"beta": part * record["beta"]}
+
+    def flattened(self, record: dict[str, Any], colour: Spectrum, who: str) -> dict[str, Any]:
+        """With the least index, its own or above, at which facets as bright along the normal give back no more light
+        than the surface receives; CONDUCTOR_N where there is none.
+        """
+        at_normal = record["beta"] * fresnel(1.0, record["n"])
+        if not at_normal > 0.0:
+            return record
+
+        def at(n: float) -> dict[str, Any]:
+            return record | {"n": n, "beta": at_normal / float(fresnel(1.0, n))}
+
+        def fits(n: float) -> bool:
+            return largest_beta(at(n), record["body_colour"], colour) >= at(n)["beta"]
+
+        low, high = float(record["n"]), CONDUCTOR_N
+        if low >= high or fits(low):
+            return record
+        for _ in range(HALVINGS):
+            middle = math.sqrt(low * high)
+            low, high = (low, middle) if fits(middle) else (middle, high)
+        why = f"where it would give back more than it receives: as of n = {high:.3g}"
+        self.say(f"{who}: how its gloss rises towards grazing angles, {why}")
+        return at(high)
 
 
 KINDS: dict[str, Callable[[Converter, Table, str], dict[str, Any]]] = {

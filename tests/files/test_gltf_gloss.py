@@ -210,3 +210,32 @@ def test_numbers_that_are_none_are_refused(tmp_path, number):
     with pytest.raises(InputError) as refused:
         foreign(tmp_path, change)
     assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(("base", "rough"), [(0.5, 0.2), (0.8, 0.3), (0.8, 0.5)])
+def test_bright_glossy_bodies_of_others_keep_their_highlights(tmp_path, base, rough):
+    """Seen along the normal and at 30°, the BRDF of the specification (GGX, Smith, Schlick) to 5 % of its root mean square
+    over lamps within 75°: there the gloss dims the body, here it rises less.
+    """
+
+    def change(_, material):
+        del material["pbrMetallicRoughness"]["baseColorTexture"]
+        factors = {"baseColorFactor": [base] * 3 + [1.0], "metallicFactor": 0.0, "roughnessFactor": rough}
+        material["pbrMetallicRoughness"] |= factors
+
+    found, lost = foreign(tmp_path, change)
+    made, angles, width = found.reflectance, np.radians(np.linspace(-75.0, 75.0, 61)), rough**2
+    to_lamp = np.stack([np.sin(angles), 0.0 * angles, np.cos(angles)])
+    for tilt in (0.0, math.radians(30.0)):
+        to_eye = np.repeat([[math.sin(tilt)], [0.0], [math.cos(tilt)]], 61, axis=1)
+        half = (to_lamp + to_eye) / np.linalg.norm(to_lamp + to_eye, axis=0)
+        density = width**2 / (math.pi * (half[2] ** 2 * (width**2 - 1.0) + 1.0) ** 2)
+        seen = [1.0 / (c + np.sqrt(width**2 + (1.0 - width**2) * c * c)) for c in (to_lamp[2], to_eye[2])]
+        fresnel = 0.04 + 0.96 * (1.0 - (half * to_eye).sum(axis=0)) ** 5
+        theirs = to_lamp[2] * (base / math.pi * (1.0 - fresnel) + fresnel * density * seen[0] * seen[1])
+        weights = made.weights(
+            *(arrays().Array3f(*each) for each in (np.repeat([[0.0], [0.0], [1.0]], 61, 1), to_lamp, to_eye))
+        )
+        ours = np.array(weights.body) * made.body_colour.at(550.0) + np.array(weights.interface)
+        assert np.sqrt(((ours - theirs) ** 2).mean()) < 0.05 * np.sqrt((theirs**2).mean())
+    assert any("how its gloss rises" in each for each in lost)

@@ -28,6 +28,7 @@ WIDEST = 1.5  # rad, of a tangent
 NARROWEST = 2e-4  # a, of maps
 MOST_DIELECTRIC = 0.2  # F0 of n = 2.6; what reflects more without a metal is taken to have the n of its F0
 CHECKED = 1.06  # γ at which surfaces are checked, over that of a place
+NARROW = 0.1  # share of places that may be narrower than what a Fresnel curve is made for
 STEPS = 24  # of γ, at which the largest β of maps is asked
 Array = NDArray[np.float64]
 
@@ -197,6 +198,9 @@ def _mapped(
         for axis in (0, 1):
             around = np.maximum(around, np.maximum(np.roll(around, 1, axis), np.roll(around, -1, axis)))
     steps = np.geomspace(float(around.min()), float(around.max()) * 1.0001, STEPS)
+    one = {"gamma": float(np.quantile(gamma, NARROW)), "beta": float(np.quantile(beta, 1.0 - NARROW))}
+    flat = to.flattened(made | one, colour, who)
+    made, beta = made | {"n": flat["n"]}, beta * flat["beta"] / one["beta"]
     keys = {"alpha": made["alpha"], "n": made["n"], "nu": made["nu"]}
     most = np.array([largest_beta({**keys, "gamma": CHECKED * x}, made["body_colour"], colour) for x in steps])
     allowed = np.minimum(most[np.minimum(np.searchsorted(steps, around), STEPS - 1)], LARGEST_BETA)
