@@ -56,6 +56,8 @@ def test_alpha_beta_gamma_and_n_come_back(tmp_path, numbers):
     assert (made.beta, made.gamma, made.n) == pytest.approx(numbers[1:], rel=1e-6)
     assert found.gamma_texture is None and made.interface_colour.at(450.0) == pytest.approx(1.0)
     assert all("its gloss dims" in each or "camera" in each for each in lost), lost
+    scene = hg.Scene(CAMERA, LAMPS, (), (found,))
+    assert not any("tails" in each for each in gltf_from_scene(scene, tmp_path / "b.glb"))  # those of GGX stay
 
 
 @pytest.mark.parametrize("numbers", CASES)
@@ -214,8 +216,8 @@ def test_numbers_that_are_none_are_refused(tmp_path, number):
 
 @pytest.mark.parametrize(("base", "rough"), [(0.5, 0.2), (0.8, 0.3), (0.8, 0.5)])
 def test_bright_glossy_bodies_of_others_keep_their_highlights(tmp_path, base, rough):
-    """Seen along the normal and at 30°, the BRDF of the specification (GGX, Smith, Schlick) to 5 % of its root mean square
-    over lamps within 75°: there the gloss dims the body, here it rises less.
+    """Seen along the normal and at 30°, the BRDF of the specification (GGX, Smith, Schlick) to 5 % of its root mean
+    square over lamps within 75°: there the gloss dims the body, here it rises less.
     """
 
     def change(_, material):

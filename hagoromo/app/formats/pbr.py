@@ -121,7 +121,8 @@ def lost_gloss(surfaces: Sequence[Surface]) -> Iterator[str]:
         made = surface.reflectance
         if surface.optics or not made.beta > 0.0:
             continue
-        yield f"surface {surface.name!r}: the tails of its facets, in place of which those of GGX stand"
+        if made.nu != TAILS:
+            yield f"surface {surface.name!r}: the tails of its facets, in place of which those of GGX stand"
         if made.lobes:
             yield f"surface {surface.name!r}: its further lobes"
         if surface.gamma_texture is None and math.tan(min(made.gamma, WIDEST)) > HALF_OF_GGX:
