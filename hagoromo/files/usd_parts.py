@@ -21,7 +21,7 @@ from hagoromo.files.polygons import fans
 from hagoromo.files.reading import reading
 from hagoromo.files.usd_stage import Places, open_stage, shown, unpacked, usd_file, value
 
-BYTES_PER_CORNER = 100.0
+BYTES_PER_CORNER = 200.0
 SHAPES = {"Sphere": {"radius": 1.0}, "Cube": {"size": 2.0}, "Plane": {"width": 2.0, "length": 2.0, "axis": "Z"}}
 CAMERA = {
     "focalLength": 50.0, "horizontalAperture": 20.955, "verticalAperture": 15.2908, "horizontalApertureOffset": 0.0,
@@ -187,19 +187,22 @@ class _Reader:
         smooth = cage or self.smooth(prim, counts, corners)
         world = points @ place[:3, :3].T + place[:3, 3]
         colour, colours = self.colour(prim, True), self.by_corner(prim, COLOUR, 3, counts, corners)
+        sets: dict[str, NDArray[np.float64] | None] = {}
         for material, chosen in self.subsets(prim, len(counts)):
             faces = triangles[chosen[polygon]]
             if not len(faces):
                 continue
             known = self.materials.get(material, {})
-            uv = self.by_corner(prim, known["uvs"], 2, counts, corners) if known.get("textures") else None
+            name = known["uvs"] if known.get("textures") else ""
+            if name and name not in sets:
+                sets[name] = self.by_corner(prim, name, 2, counts, corners)
+            uv = sets.get(name)
             painted = None if known and not known["painted"] else colours
             split = [each for each in (uv, painted) if each is not None]
-            vertex = corners
-            if split:
-                vertex = np.unique(np.column_stack([corners, *split]), axis=0, return_inverse=True)[1].ravel()
-            _, first, inverse = np.unique(vertex[faces], return_index=True, return_inverse=True)
-            place_of, number = faces.ravel()[first], len(self.meshes)
+            used, number = faces.ravel(), len(self.meshes)
+            rows = np.column_stack([each[used] for each in (corners, *split)]) if split else corners[used]
+            _, first, inverse = np.unique(rows, axis=0, return_index=True, return_inverse=True)
+            place_of = used[first]
             self.found |= {f"v{number}": world[corners[place_of]], f"f{number}": inverse.reshape(-1, 3)}
             for key, values in (("u", uv), ("c", painted)):
                 if values is not None:
