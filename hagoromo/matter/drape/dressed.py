@@ -9,7 +9,7 @@ import drjit as dr
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.backend import arrays
+from hagoromo.backend import arrays, lookup
 from hagoromo.matter.drape.collider import Collider
 from hagoromo.matter.drape.cut import Cut
 from hagoromo.matter.drape.settle import Fabric, Fall, settled
@@ -47,7 +47,7 @@ def dressed(body: Shape, sheets: Sequence[Sheet]) -> Shape:
         far, nearest = far[found], np.asarray(nearest)[found]
         above = np.einsum("ij,ij->i", asked[found] - points[nearest], normals[nearest]) > 0
         distance[near[found]] = np.where(above, far, -far)
-        cloth = jit.Float(distance)
+        cloth = lookup(jit.Float, distance)
         return dr.fmin(body(point), cloth)
 
     return shape
