@@ -242,6 +242,20 @@ def test_a_flat_square_is_its_own_chart():
     assert np.array(place.presence) == pytest.approx(np.clip(hem / 0.5, 0.0, 1.0), abs=1e-3)
 
 
+@pytest.mark.parametrize("patch_first", [True, False])
+def test_a_hem_cuts_no_hole_into_the_cloth_beneath(patch_first):
+    """A patch 0.4 mm over a level cloth: on either side of its cut, one of both is charted, with its exact height."""
+    cloth, patch = flat(20.0, 16.0, 5.0).sheet(1.0), flat(8.0, 6.0, 5.4).sheet(1.0)
+    chart = sheet_chart([patch, cloth] if patch_first else [cloth, patch], reach_mm=2.0, edge_mm=2.0)[0]
+    asked = np.random.default_rng(7).uniform((-6.0, -5.0, 5.25), (6.0, 5.0, 6.0), (999, 3))  # nearer to the patch
+    place = chart(in_space(asked))
+    uncut = (np.abs(asked[:, :2]) < (3.0, 2.0)).all(axis=1)  # half an edge within the patch
+    assert 0.1 < uncut.mean() < 0.9
+    presence, height = np.array(place.presence), np.array(place.height)
+    assert presence[uncut].min() >= 0.5 and presence[~uncut] == pytest.approx(1.0)
+    assert height == pytest.approx(asked[:, 2] - np.where(uncut, 5.4, 5.0), abs=1e-4)
+
+
 def test_a_tube_closes_on_whole_periods():
     """A cylinder of 40.8 mm around: u grows by 41 periods of 1 mm where it closes, height is the way to the axis."""
     turn, z = np.arange(48) * 2 * np.pi / 48, np.linspace(0.0, 11.0, 17)

@@ -18,6 +18,7 @@ CHART_SPACING_MM = 0.5  # [mm] between the points of a sheet that are searched
 FOOT_ITERATIONS = 3  # iterations for the foot of a point; each reduces the error by height × curvature
 POINTS_AT_ONCE = 1 << 17  # points that are looked up together, few enough for the cache
 SHEET_OFFSET = 1000.0  # periods, or mm, between the u and v of one sheet and those of the next
+CUT = 0.5  # presence below which a sheet has no matter: another one within reach is charted there
 FAR_MM = 8.0  # mm beyond the reach, up to which distances are computed
 
 Extent = tuple[tuple[float, ...], tuple[float, ...]]
@@ -31,7 +32,9 @@ def sheet_chart(
 ) -> tuple[Callable[[Any], Chart], Callable[[Any], Any], Extent]:
     """Chart of the nearest of `sheets`, bound of the distance to them, and corners of all within `reach_mm` of them.
 
-    Presence falls to 0 at the hems over edge_mm, and is 0 beyond reach_mm. Bounds are at most reach_mm + FAR_MM.
+    Presence falls to 0 at the hems over edge_mm, and is 0 beyond reach_mm. Where it is below ½ on the nearest sheet,
+    which is cut there, the nearest that is not cut is charted: a hem makes no hole in the cloth beneath. Bounds are at
+    most reach_mm + FAR_MM.
     period_mm: of what repeats along u and v: the widths of tubes are taken for the nearest whole number of periods.
     """
     if not (sheets and 0 < reach_mm < np.inf and 0 < edge_mm < np.inf):
@@ -82,6 +85,9 @@ class _Samples:
         self.sheet = np.repeat(np.arange(len(fine)), [len(table) for table in tables])
         self.coarsest = max(sheet.spacing for sheet in fine)
         self.tree = KDTree(self.points)
+        ends = np.searchsorted(self.sheet, np.arange(1, len(fine)))
+        parts = zip(np.split(self.points, ends), (0, *ends.tolist()), strict=True)
+        self.each = [(KDTree(part), start) for part, start in parts] if len(fine) > 1 else []
 
     def distance(self, asked: NDArray[np.floating], reach: float) -> NDArray[np.floating]:
         """A lower bound of the distance to the sheets, at most `reach`."""
@@ -96,7 +102,31 @@ class _Samples:
         out[:, 0], out[:, 6], out[:, 7] = reach, 1.0, 1.0
         if is_within_reach.any():
             out[is_within_reach] = self._foot(asked[is_within_reach], nearest[is_within_reach], edge)
+            past = np.flatnonzero(is_within_reach & (out[:, 3] < CUT))
+            self._beneath(out, asked, past, nearest, reach, edge)
         return out
+
+    def _beneath(
+        self,
+        out: NDArray[np.floating],
+        asked: NDArray[np.floating],
+        past: NDArray[np.intp],
+        nearest: NDArray[np.int64],
+        reach: float,
+        edge: float,
+    ) -> None:
+        """Rows `past` of `out`, beyond the hem of the nearest sheet, on the nearest other one that is present there."""
+        far = np.full(len(past), np.inf)
+        for number, (tree, start) in enumerate(self.each):
+            other = np.flatnonzero(self.sheet[nearest[past]] != number)
+            away, found = tree.query(asked[past[other]], distance_upper_bound=reach + self.coarsest, workers=-1)
+            nearer = np.flatnonzero(np.isfinite(away) & (away < far[other]))
+            if len(nearer):
+                rows = past[other[nearer]]
+                there = self._foot(asked[rows], start + np.asarray(found)[nearer], edge)
+                better = there[:, 3] > np.maximum(out[rows, 3], CUT)
+                out[rows[better]] = there[better]
+                far[other[nearer[better]]] = away[nearer[better]]
 
     def _foot(self, asked: NDArray[np.floating], nearest: NDArray[np.int64], edge: float) -> NDArray[np.floating]:
         shape: list[NDArray[np.floating]] = list(self.shape[self.sheet[nearest]].T)
