@@ -32,13 +32,11 @@ HABIT_SLEEVE = Row(0, 48, 47), Row(18, 62, 58), Row(50, 86, 78), Row(93, 132, 10
 SLEEVE_GAP = 0.8  # from each sleeve to the middle, so that they do not pass through each other
 COLLAR = Row(0, 172, 166, 0.72, 2), Row(24, 112, 108, 0.7, 3), Row(34, 56, 55, 0.9, 2), Row(40, 46, 46, 1.0, 0.5)
 COLLAR_AT, COLLAR_TILT = (208.0, 228.5), 4.0
-COIF = 74.0, 28.0  # along the edge of the face from throat to throat, and from it backwards
-FACE = (0.0, -9.5, -4.6), (10.2, 13.4), 3.0  # of the head: middle and half sizes of its edge, half the angle around it
-THROAT = (
-    (1.7, 2.6),
-    9.5,
-    4.0,
-)  # angles between which the coif comes to the throat; there behind: beside the neck, raised
+COIF = 100.0, 21.0  # around it behind, and from the edge of the face backwards
+FACE = (0.0, -9.5, -4.6), (10.2, 13.4)  # of the head: middle and half sizes of the edge of the face
+WIDER, HIGHER, OPENED = 1.36, 1.144, 20.0  # behind than at the face, from this far back
+AT_FACE = 0.75  # its width there, of its width behind
+THROAT = (1.7, 2.6), (-0.1, -0.9)  # angles between which it comes under the chin, and its way (y, z) there
 VEIL = 178.0, 150.0
 VEIL_AT = -8.5, 267.0  # y of its front edge and height, where it begins level
 PINNED = 26.0, 7.0  # of its front edge, what is drawn to the head: width and depth
@@ -69,27 +67,31 @@ def _beside(pose: Pose, side: float) -> Shape:
 
 
 def _coif(pose: Pose) -> Cut:
-    """A band about the face from throat to throat, back over the head; its ends are fastened along the throat.
+    """A tube about the face, back over the head and, under the chin, down over the collar.
 
-    Free ends would stand out under the jaw and pass through the veil.
+    It is closed below: ends at the throat would part and show the neck.
     """
-    (mx, my, mz), (wide, high), half = FACE
-    (first, last), neck, raised = THROAT
+    (mx, my, mz), (wide, high) = FACE
+    (first, last), (forwards, down) = THROAT
     width, height = COIF
 
+    def opened(t: Place) -> Place:
+        return np.sin(np.minimum(height * t / OPENED, 1.0) * 0.5 * math.pi)
+
     def start(s: Place, t: Place) -> NDArray[np.floating]:
-        angle, back = half * (1.0 - 2.0 * s), height * t
-        opened = np.sin(np.minimum(back / 20.0, 1.0) * 0.5 * math.pi)
-        across, side = -wide * np.sin(angle), -np.sign(angle)
+        angle, back, more = math.pi * (1.0 - 2.0 * s), height * t, opened(t)
         throat = np.clip((np.abs(angle) - first) / (last - first), 0.0, 1.0)
         throat = throat**2 * (3.0 - 2.0 * throat)
-        behind = 1.36 * across + throat * side * np.maximum(neck - 1.36 * np.abs(across), 0.0)
-        x = mx + across + opened * (behind - across)
-        z = mz + high * (1.0 + 0.144 * opened) * np.cos(angle) + raised * throat * opened
-        points = np.stack(np.broadcast_arrays(x, my + 0.92 * back, z), axis=-1)
+        x = mx - wide * (1.0 + (WIDER - 1.0) * more) * np.sin(angle)
+        y = my + (0.92 * (1.0 - throat) + forwards * throat) * back
+        z = mz + high * (1.0 + (HIGHER - 1.0) * more * (1.0 - throat)) * np.cos(angle) + down * throat * back
+        points = np.stack(np.broadcast_arrays(x, y, z), axis=-1)
         return points @ _turn(pose).T + np.asarray(pose.head)
 
-    return Cut(width, height, start, held=lambda s, t: (t == 0.0) | (s == 0.0) | (s == 1.0))
+    return Cut(
+        width, height, start, True, lambda t: AT_FACE + (1.0 - AT_FACE) * opened(t),
+        held=lambda s, t: (t == 0.0) + np.zeros_like(s),
+    )  # fmt: skip
 
 
 def _veil() -> Cut:
