@@ -18,7 +18,8 @@ CHART_SPACING_MM = 0.5  # [mm] between the points of a sheet that are searched
 FOOT_ITERATIONS = 3  # iterations for the foot of a point; each reduces the error by height × curvature
 POINTS_AT_ONCE = 1 << 17  # points that are looked up together, few enough for the cache
 SHEET_OFFSET = 1000.0  # periods, or mm, between the u and v of one sheet and those of the next
-CUT = 0.5  # presence below which a sheet has no matter: another one within reach is charted there
+CUT, FADED = 0.5, 0.2  # presence below which a sheet has no matter, and a voxel farther out, to which its cut is smooth
+TOUCHING = 1 / 3  # [edges] distance of another sheet up to which its matter, not the smooth cut, has the voxel
 FAR_MM = 8.0  # mm beyond the reach, up to which distances are computed
 
 Extent = tuple[tuple[float, ...], tuple[float, ...]]
@@ -32,9 +33,9 @@ def sheet_chart(
 ) -> tuple[Callable[[Any], Chart], Callable[[Any], Any], Extent]:
     """Chart of the nearest of `sheets`, bound of the distance to them, and corners of all within `reach_mm` of them.
 
-    Presence falls to 0 at the hems over edge_mm, and is 0 beyond reach_mm. Where it is below ½ on the nearest sheet,
-    which is cut there, the nearest that is not cut is charted: a hem makes no hole in the cloth beneath. Bounds are at
-    most reach_mm + FAR_MM.
+    Presence falls to 0 at the hems over edge_mm, and is 0 beyond reach_mm. A hem makes no hole in the cloth beneath:
+    where the nearest sheet is cut, the nearest that is not is charted, close to that from presence ½ on, elsewhere
+    from a voxel farther out. Bounds are at most reach_mm + FAR_MM.
     period_mm: of what repeats along u and v: the widths of tubes are taken for the nearest whole number of periods.
     """
     if not (sheets and 0 < reach_mm < np.inf and 0 < edge_mm < np.inf):
@@ -124,7 +125,8 @@ class _Samples:
             if len(nearer):
                 rows = past[other[nearer]]
                 there = self._foot(asked[rows], start + np.asarray(found)[nearer], edge)
-                better = there[:, 3] > np.maximum(out[rows, 3], CUT)
+                cut = out[rows, 3] < np.where(away[nearer] < TOUCHING * edge, CUT, FADED)
+                better = cut & (there[:, 3] > CUT)
                 out[rows[better]] = there[better]
                 far[other[nearer[better]]] = away[nearer[better]]
 
