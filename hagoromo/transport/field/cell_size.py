@@ -14,7 +14,7 @@ from hagoromo.volume.voxels import BRICK, unpacked_density
 
 DEEPEST_CELL = 1.0  # mean free paths of typical matter a cell, where memory allows it
 BRICKS_LOOKED_AT = 512  # of a box, for its typical density
-FEWEST_ACROSS = 16  # cells across the shortest side of all matter
+FEWEST_ACROSS = 24  # cells across the shortest side of all matter
 MEMORY_SHARE = 0.25  # of that of the bricks
 LITTLE = float(1 << 20)  # memory that is not worth saving [byte]
 PARTS = 8  # of a voxel, whose multiples cells are
