@@ -20,11 +20,12 @@ KNUCKLES = (3.9, 13.2), (1.25, 13.6), (-1.4, 13.0), (-3.9, 11.7)  # x, z; index 
 FINGER_LENGTHS = 15.0, 15.9, 15.1, 12.6  # of the fingers from their knuckles
 FINGER_HALF_WIDTHS = 1.22, 1.27, 1.2, 1.08  # half, of the fingers
 PHALANGES = 0.45, 0.31, 0.24  # of a finger's length
-FINGER_TAPER = 1.03, 0.97, 0.88, 0.7  # half width at the joints and the tip, of the finger's
+FINGER_TAPER = 1.03, 0.97, 0.9, 0.62  # half width at the joints and the tip, of the finger's
 SLIM = 0.94  # half width between two joints, of the mean at these
 BEND = 0.3  # over which the line of a finger bends
-NAIL = 0.75, 0.15  # depth of a nail's middle [half widths], and width of its border
-THUMB = 1.9, 1.4, 1.3, 0.9  # half width at its joints and tip
+TIP = 1.22, 3.05, 0.13, 0.8  # last bone: half width, half length, shift to the pad, seam [half widths at the tip]
+NAIL = 0.95, 0.61, 1.5, 0.72, 0.8, 0.15  # half sides, depth, way back from the tip [half widths], border [mm]
+THUMB = 1.9, 1.4, 1.3, 0.78  # half width at its joints and tip
 
 
 class Gesture(NamedTuple):
@@ -117,23 +118,24 @@ def _palm(p: Any) -> Any:
 
 
 def _finger(p: Any, digit: Digit) -> Any:
-    """Three tapering bones, fuller at the joints and the pad, and a nail."""
+    """Three tapering bones, fuller at the joints; the last is an egg, so that the tip is no ball; and a nail."""
     joints, pad, widths = digit
     along = (joints[3] - joints[2]) / np.linalg.norm(joints[3] - joints[2])
     reach = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(joints, axis=0), axis=1))])
     between = 0.5 * (reach[1:] + reach[:-1])
     slim = [SLIM * 0.5 * (widths[k] + widths[k + 1]) for k in range(2)]
-    # both curves end level: their last two values are the same
+    # the curve ends level: its last two values are the same
     knots = [reach[0], between[0], reach[1], between[1], reach[2], reach[3], reach[3] + 1.0]
     radii = [widths[0], slim[0], widths[1], slim[1], widths[2], widths[3], widths[3]]
-    soft, out = reach[2] + 0.7 * (reach[3] - reach[2]), 0.16 * widths[3]
-    padded = [reach[1], reach[2], soft, reach[3], reach[3] + 1.0], [0.0, 0.0, out, 0.3 * out, 0.3 * out]
+    axes, end = np.array([np.cross(pad, along), pad, along], float), widths[3]
 
-    def aside(way: Any) -> Any:
-        """The pad stands out on its side of the tip."""
-        return type(p)(*pad.tolist()) * spline(way, *padded)
+    def egg(back: float, out: float, half: tuple[float, float, float]) -> Any:
+        """An ellipsoid behind the tip, towards the pad by `out`; all in half widths of the tip."""
+        middle = joints[3] + end * (out * pad - back * along)
+        return ellipsoid(framed(p, middle, axes), (0.0, 0.0, 0.0), (end * half[0], end * half[1], end * half[2]))
 
-    solid = limb(p, joints, lambda way: spline(way, knots, radii), BEND, aside)
-    back = 0.35 * joints[2] + 0.65 * joints[3] - NAIL[0] * widths[3] * pad + 0.25 * along
-    q = framed(p, back, np.array([np.cross(pad, along), pad, along], float))
-    return smooth_union(solid, ellipsoid(q, (0.0, 0.0, 0.0), (0.66 * widths[3], 0.28, 1.2 * widths[3])), NAIL[1])
+    wide, long, shift, seam = TIP
+    solid = limb(p, joints, lambda way: spline(way, knots, radii), BEND)
+    solid = smooth_union(solid, egg(long - 1.08, shift, (wide, wide, long)), seam * end)
+    *half, depth, back, border = NAIL
+    return smooth_union(solid, egg(back, -depth, (half[0], half[1], half[2])), border)
