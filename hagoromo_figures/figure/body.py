@@ -16,18 +16,18 @@ from hagoromo.matter.shape import capsule, ellipsoid, mirrored, placed, smooth_u
 from hagoromo_figures.figure.foot import ANKLE, foot
 from hagoromo_figures.figure.hand import FOLDED, OPEN, Gesture, frame, framed, hand
 from hagoromo_figures.figure.head import head
+from hagoromo_figures.figure.mannequin import neck
 from hagoromo_figures.figure.pose import PRAYER, WELCOME, Pose
 
 
 class Hold(NamedTuple):
-    """How the hands are held: gesture, where the palms turn, how far the wrists are nearer together than the joints."""
+    """How the hands are held: gesture, and where the palms turn."""
 
     gesture: Gesture
     palm: tuple[float, float, float]
-    closer: float = 0.0
 
 
-HOLDS: Mapping[Pose, Hold] = {PRAYER: Hold(FOLDED, (-1.0, 0.0, 0.0), 3.3), WELCOME: Hold(OPEN, (-0.3, -0.6, 0.7))}
+HOLDS: Mapping[Pose, Hold] = {PRAYER: Hold(FOLDED, (-1.0, 0.0, 0.0)), WELCOME: Hold(OPEN, (-0.3, -0.6, 0.7))}
 FOOT_STEP = (-0.9, -3.3, 0.0)  # of the right foot before the left
 CHEST_CUT_Z = 196.0  # height below which the chest is always covered
 BARE = 60.0  # height above which the legs are always covered
@@ -42,16 +42,11 @@ def body(point: Any, pose: Pose = PRAYER) -> Any:
 def bust(point: Any, pose: Pose) -> Any:
     """Head, neck with its slanting muscles, collarbones and the top of the chest."""
     p = mirrored(point, 0.5)
-    x, y, z = pose.neck
-    solid = capsule(point, (x, y + 1.0, z - 10.0), (x, y - 1.6, z + 15.0), 6.6, 6.1)
-    strap = capsule(p, (5.9, y + 0.2, z + 12.0), (1.5, y - 6.6, z - 9.6), 1.5, 0.8)
-    solid = smooth_union(solid, strap, 2.2)
-    slope = capsule(p, (2.5, y + 3.4, z + 7.0), (13.0, y + 1.6, z - 7.4), 4.2, 4.6)
-    solid = smooth_union(solid, slope, 4.0)
+    _, y, z = pose.neck
     shoulders = capsule(p, (0.0, y + 1.6, z - 8.5), pose.shoulder, 5.6, 6.4)
     chest = smooth_union(ellipsoid(point, (0.0, y - 0.3, z - 29.0), (19.0, 13.6, 22.4)), shoulders, 8.0)
     collarbone = capsule(p, (1.9, y - 6.3, z - 9.9), (15.0, y - 3.4, z - 7.0), 0.9, 0.9)
-    chest = smooth_union(smooth_union(chest, collarbone, 2.2), solid, 6.0)
+    chest = smooth_union(smooth_union(chest, collarbone, 2.2), neck(point, pose), 6.0)
     return smooth_union(dr.fmax(chest, CHEST_CUT_Z - point.z), head(placed(point, pose.head, pose.nod)), 3.0)
 
 
@@ -59,10 +54,9 @@ def arms(point: Any, pose: Pose) -> Any:
     """Both forearms and hands."""
     p = mirrored(point)
     hold = HOLDS[pose]
-    wrist = (pose.wrist[0] - hold.closer, pose.wrist[1], pose.wrist[2])
-    axes = frame(wrist, (pose.fingertip[0] - 0.1 * hold.closer, *pose.fingertip[1:]), hold.palm)
-    fore = capsule(p, pose.elbow, wrist, 4.6, 2.8)
-    return smooth_union(fore, hand(framed(p, wrist, axes), hold.gesture), 2.0)
+    axes = frame(pose.wrist, pose.fingertip, hold.palm)
+    fore = capsule(p, pose.elbow, pose.wrist, 4.6, 2.8)
+    return smooth_union(fore, hand(framed(p, pose.wrist, axes), hold.gesture), 2.0)
 
 
 def feet(point: Any, pose: Pose) -> Any:

@@ -10,6 +10,7 @@ from hagoromo.matter.shape import capsule, ellipsoid, mirrored, placed, smooth_u
 from hagoromo_figures.figure.head import ear
 from hagoromo_figures.figure.pose import Point, Pose
 
+ROOM = 0.5  # from the skin of the neck to the mannequin's
 KNEE_STEP = (-3.0, -11.0, 2.0)  # of the knee of the leg that does not carry the weight, on the figure's right
 
 
@@ -27,7 +28,18 @@ def trunk(point: Any, pose: Pose, bust: float = 6.6, step: Point = KNEE_STEP) ->
     collar = (0.0, pose.shoulder[1] + 0.5, pose.shoulder[2] + 5.0)
     body = smooth_union(body, capsule(p, collar, pose.shoulder, 6.5, 7.2), 9.0)
     body = smooth_union(body, capsule(point, collar, pose.head, 6.8, 6.0), 7.0)
+    body = smooth_union(body, neck(point, pose) - ROOM, 6.0)
     return dr.fmin(smooth_union(body, legs(point, pose, step), 10.0), head(point, pose))
+
+
+def neck(point: Any, pose: Pose) -> Any:
+    """The neck and the muscles that slant from it to the shoulders; the skin has the same."""
+    p = mirrored(point, 0.5)
+    x, y, z = pose.neck
+    column = capsule(point, (x, y + 1.0, z - 10.0), (x, y - 1.6, z + 15.0), 6.6, 6.1)
+    strap = capsule(p, (5.9, y + 0.2, z + 12.0), (1.5, y - 6.6, z - 9.6), 1.5, 0.8)
+    slope = capsule(p, (2.5, y + 3.4, z + 7.0), (13.0, y + 1.6, z - 7.4), 4.2, 4.6)
+    return smooth_union(smooth_union(column, strap, 2.2), slope, 4.0)
 
 
 def head(point: Any, pose: Pose) -> Any:
@@ -55,5 +67,5 @@ def arm(point: Any, pose: Pose, side: float) -> Any:
     """The arm and hand of one side: side 1 its left, x > 0; −1 its right."""
     p = type(point)(side * point.x, point.y, point.z)
     upper = capsule(p, pose.shoulder, pose.elbow, 6.8, 5.2)
-    fore = capsule(p, pose.elbow, pose.wrist, 5.2, 3.6)
+    fore = capsule(p, pose.elbow, pose.wrist, 5.2, 3.3)
     return dr.fmin(smooth_union(upper, fore, 2.0), capsule(p, pose.wrist, pose.fingertip, 4.2, 3.0))

@@ -28,5 +28,5 @@ class Pose:
     toe: Point = (13.5, -17.0, 2.5)
 
 
-PRAYER = Pose(wrist=(7.0, -36.0, 181.0), elbow=(38.0, 0.0, 164.0), fingertip=(1.5, -44.0, 209.0))
+PRAYER = Pose(wrist=(3.7, -36.0, 181.0), elbow=(38.0, 0.0, 164.0), fingertip=(1.17, -44.0, 209.0))
 WELCOME = Pose(wrist=(47.0, -25.0, 146.0), elbow=(36.0, 2.0, 166.0), fingertip=(55.0, -41.0, 132.0))
