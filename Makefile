@@ -85,7 +85,8 @@ real: $(READY)
 # the predictions: the table of docs/relighting.md.
 relit: $(READY)
 	$(BIN)/python -m studies.relit_objects ../shared/data/uw_psm --out out/relit --force
-	$(BIN)/python -m studies.relit_objects ../shared/data/uw_psm --out out/relit_rig --objects gray buddha cat horse owl rock --rig --shrink 4 --force
+	$(BIN)/python -m studies.relit_objects ../shared/data/uw_psm --out out/relit_rig --objects gray buddha cat horse owl rock --rig --force
+	$(BIN)/python -m studies.relit_objects ../shared/data/uw_psm --out out/relit_rig_quarter --objects gray buddha cat horse owl rock --rig --shrink 4 --force
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.relit_limits ../shared/data/uw_psm --shrink 4 --out out/relit_limits --force
 
 # How far readings of the same real lamps agree: of a mirror ball, of a grey ball, of the objects themselves.
