@@ -14,6 +14,7 @@ from hagoromo.app.formats.pbr import linear
 from hagoromo.backend import arrays
 from hagoromo.errors import InputError
 from hagoromo.image.scene_file import load_scene
+from hagoromo.light.colour import srgb_decode, srgb_encode
 from hagoromo.light.environment import upsampled
 from tests.files.test_gltf_textures import CORNERS, FACES, UV, address, gltf, parts_of
 
@@ -169,6 +170,36 @@ def test_green_is_roughness_and_alpha_the_factor_on_fresnel(tmp_path):
     betas = found.reflectance.beta * found.beta_texture.values[..., 0]
     assert betas == pytest.approx(0.6 * pixels[..., 3] / 255.0 / (4.0 * math.pi * width**2), rel=1e-4)
     assert not any("gloss, which" in each for each in lost)
+
+
+@pytest.mark.parametrize("one_colour", [True, False])
+def test_colours_of_gloss_by_place_are_a_colour_and_its_factor(tmp_path, one_colour):
+    """F0 = 0.04 · colour: β follows its largest band at each pixel, of several colours the mean stands, and is said."""
+    levels = np.array([[0.1, 0.4, 0.9], [1.0, 0.6, 0.2]])
+    linear_colours = levels[..., None] * np.array([1.0, 0.5, 0.25])  # R, G, B
+    if not one_colour:
+        linear_colours[0] = linear_colours[0, :, ::-1]
+    pixels = np.full((2, 3, 4), 255, np.uint8)
+    pixels[..., 2::-1] = srgb_encode(linear_colours)  # OpenCV's B, G, R, A
+    exact = srgb_decode(pixels[..., 2::-1])
+
+    def change(record, material):
+        record["images"].append({"uri": grey(pixels)})
+        record["samplers"] = [{"magFilter": 9728}]
+        record["textures"].append({"source": 1, "sampler": 0})
+        pbr = {"metallicFactor": 0.0, "roughnessFactor": 0.5, "baseColorFactor": [0.2, 0.2, 0.2, 1.0]}
+        material["pbrMetallicRoughness"] |= pbr
+        colours = {"specularColorTexture": {"index": 1}, "specularColorFactor": [0.5, 0.5, 0.5]}
+        material["extensions"] = {"KHR_materials_specular": colours}
+
+    found, lost = foreign(tmp_path, change)
+    assert found.beta_texture is not None
+    betas = found.reflectance.beta * found.beta_texture.values[..., 0]
+    assert betas == pytest.approx(0.5 * exact.max(axis=2) / (4.0 * math.pi * 0.5**4), rel=2e-4)
+    assert any("colour of its gloss by place" in each for each in lost) != one_colour
+    if one_colour:
+        r, g, b = linear(found.reflectance.interface_colour)
+        assert (g / r, b / r) == pytest.approx((0.5, 0.25), rel=0.03)
 
 
 def test_textures_of_gloss_come_back(tmp_path):

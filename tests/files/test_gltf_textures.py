@@ -184,9 +184,9 @@ def test_an_image_is_found_and_has_its_factor(tmp_path, where, factor):
     [
         ({"uri": "../out.png"}, "outside"),
         ({"uri": "none.png"}, "does not exist"),
-        ({"uri": address(b"GIF89a and no more")}, "neither PNG nor JPEG"),
+        ({"uri": address(b"GIF89a and no more")}, "neither PNG, JPEG"),
         ({"uri": address(png()[:60])}, "texture_1.png"),
-        ({"bufferView": 2, "mimeType": "image/png"}, "neither PNG nor JPEG"),
+        ({"bufferView": 2, "mimeType": "image/png"}, "neither PNG, JPEG"),
         ({"bufferView": 9, "mimeType": "image/png"}, "cannot be read as glTF"),
     ],
 )

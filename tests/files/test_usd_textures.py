@@ -17,6 +17,7 @@ from hagoromo.errors import InputError
 from hagoromo.image.scene_file import load_scene
 from hagoromo.light.colour import srgb_decode
 from tests.files.test_gltf_textures import CORNERS, FACES, UV
+from tests.files.test_usd_scene import in_blender
 
 pytest.importorskip("pxr", reason="needs usd-core: pip install 'hagoromo[usd]'")
 
@@ -109,6 +110,26 @@ def test_textures_lie_where_usd_says(tmp_path, source):
     assert not any("texture" in each for each in lost)
 
 
+@pytest.mark.parametrize("suffix", ["exr", "tif"])
+def test_textures_of_floats_and_of_16_bits(tmp_path, suffix):
+    """EXR is linear by itself, TIFF of 16 bits as its sourceColorSpace says; what is above 1 is 1."""
+    file = write(tmp_path, TEXT.replace("base.png", f"base.{suffix}").replace("gloss.png", f"gloss.{suffix}"))
+    linear, rough = np.array([[[0.9, 0.1, 0.3], [0.0, 1.0, 0.02]]], np.float32), np.array([[0.3, 0.8]], np.float32)
+    maps, bits = tmp_path / "maps", 1.0 if suffix == "exr" else 65535.0
+    for name, values in (("base", linear), ("gloss", np.repeat(rough[..., None], 3, axis=2))):
+        if suffix == "exr":
+            hg.write_exr(maps / f"{name}.exr", {key: values[..., k] for k, key in enumerate("RGB")})
+        else:
+            stored = np.round(bits * values).astype(np.uint16)
+            assert cv2.imwrite(str(maps / f"{name}.tif"), np.ascontiguousarray(stored[..., ::-1]))
+    surface, lost = read(file, tmp_path)
+    body, gamma = surface.body_texture, surface.gamma_texture
+    assert body is not None and gamma is not None
+    assert body.values == pytest.approx(0.5 * linear, abs=0.004)
+    assert gamma.values[..., 0] == pytest.approx(np.arctan(rough**2 * math.sqrt(math.sqrt(2.0) - 1.0)), rel=1e-4)
+    assert not any("texture" in each for each in lost)
+
+
 def test_raw_colours_are_linear_and_metal_is_said(tmp_path):
     text = TEXT.replace('"auto"', '"raw"')
     text = text.replace("token outputs:surface\n", "float inputs:metallic = 0.7\ntoken outputs:surface\n")
@@ -156,7 +177,7 @@ def test_display_colours_become_those_of_vertices(tmp_path, kind):
         ("@./maps/base.png@", "@../base.png@", "outside"),
         ("@./maps/base.png@", "@/etc/passwd@", "outside"),
         ("@./maps/base.png@", "@https://example.org/a.png@", "does not exist"),
-        ("@./maps/base.png@", "@a.usda@", "neither PNG nor JPEG"),
+        ("@./maps/base.png@", "@a.usda@", "neither PNG, JPEG"),
     ],
 )
 def test_textures_that_are_elsewhere_or_none_are_refused(tmp_path, old, new, said):
@@ -180,6 +201,8 @@ def test_archives_that_are_packed_or_lead_out_are_refused(tmp_path, monkeypatch)
         read(tmp_path / "none.usdz", tmp_path)
 
 
+USED = ("image", "vertices")
+PICTURES = {"Base Color": "diffuseColor", "Roughness": "roughness", "Specular Tint": "specularColor"}
 GAMMAS = np.array([[0.15, 0.1, 0.2], [0.3, 0.4, 0.25]])
 BETAS = np.array([[1.0, 0.5, 0.8], [0.2, 0.1, 0.3]])
 PIXELS = np.array(
@@ -200,6 +223,16 @@ def a_scene():
     ball = hg.Surface.sphere((0, 0, 3), 0.5, matt, name="ball")
     camera = hg.Camera(64, 48, (60, 60), (32, 24)).look_at((0.5, -4.0, 3.0), (0.5, 0.5, 0.0))
     return hg.Scene(camera, (hg.Lamp(to_lamp=(0.0, -0.6, 0.8)),), (), (image, vertices, ball))
+
+
+def test_blender_finds_the_textures(tmp_path):
+    """Pictures of colour, roughness and gloss, and colours of vertices, at the inputs of its own material."""
+    usd_from_scene(a_scene(), tmp_path / "b.usda")
+    found = in_blender(tmp_path, "b.usda")
+    image, painted = (next(e["inputs"] for name, e in found.items() if name.startswith(each)) for each in USED)
+    assert [image[key][0].endswith(f"_{name}.png") for key, name in PICTURES.items()] == [True] * 3
+    assert image["Base Color"][1] == "sRGB" and image["Roughness"][1] == "Non-Color" and image["IOR"] == 1.5
+    assert painted["Base Color"] == "displayColor" and painted["Roughness"] == 1.0
 
 
 @pytest.mark.parametrize("name", ["a.usda", "a.usdz"])

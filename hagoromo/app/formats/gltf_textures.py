@@ -14,13 +14,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.app.formats.pbr import PbrMaterial
-from hagoromo.app.formats.pbr_textures import channel_of, gloss_image, lost_textures, picture_of, uvs_of, written_image
+from hagoromo.app.formats.pbr import PbrMaterial, of_one_size
+from hagoromo.app.formats.pbr_textures import (
+    channel_of,
+    gloss_image,
+    gloss_of_colours,
+    lost_textures,
+    picture_of,
+    uvs_of,
+    written_image,
+)
 from hagoromo.files.gltf import image_bytes
 from hagoromo.files.mesh import uv_of
 from hagoromo.image.surface import Surface
 from hagoromo.image.surface_texture import SurfaceTexture
-from hagoromo.light.colour import srgb_encode
+from hagoromo.light.colour import srgb_decode, srgb_encode
 
 NEAREST, REPEAT = 9728, 10497  # a filter and a wrapping of a sampler
 OTHER_MAPS = ("normalTexture", "occlusionTexture", "emissiveTexture")
@@ -86,11 +94,18 @@ def material_of(
     maps: dict[str, Any] = {}
     if specular is not None:
         tint = np.array(specular.get("specularColorFactor", (1, 1, 1)), float)
+        coloured = specular.get("specularColorTexture")
+        bands = [_channel(path, record, coloured, k, mesh, folder, name, [] if k else lost) for k in range(3)]
+        if found := [band for band in bands if band is not None]:
+            colours = srgb_decode(255.0 * np.stack([values for values, _ in found], axis=-1).astype(np.float64))
+            colour, maps["specular_map"], varied = gloss_of_colours(colours)
+            tint, maps["smooth"] = tint * colour, found[0][1]
+            if varied:
+                lost.append(f"{name}: the colour of its gloss by place, of which the mean stands")
         made = made._replace(specular=float(specular.get("specularFactor", 1.0)), tint=np.clip(tint, 0.0, None))
-        if "specularColorTexture" in specular:
-            lost.append(f"{name}: its specularColorTexture")
         if (alpha := _channel(path, record, specular.get("specularTexture"), 3, mesh, folder, name, lost)) is not None:
-            maps["specular_map"], maps["smooth"] = alpha
+            factors, others = of_one_size(alpha[0], maps.get("specular_map"))
+            maps["specular_map"], maps["smooth"] = factors * others, alpha[1]
     both = pbr.get("metallicRoughnessTexture")
     if (green := _channel(path, record, both, 1, mesh, folder, name, lost)) is not None:
         maps["roughness_map"], maps["smooth"] = green

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.app.formats.pbr import PbrMaterial, normal_fresnel, rgb, surface_of
+from hagoromo.app.formats.pbr_textures import gloss_of_colours
 from hagoromo.app.formats.usd_textures import UsdTextures
 from hagoromo.camera.camera import Camera
 from hagoromo.camera.formats.nerfstudio import write_transforms
@@ -42,7 +43,6 @@ HEIGHT = 720  # px, where the file has no render settings
 MOST_SURFACES = 2000
 GREY = (0.8, 0.8, 0.8)  # of what has neither material nor colour
 TENTH = 0.1  # of a unit: that of focal lengths and apertures
-MUCH_COLOUR = 0.02  # of the largest value: colours of gloss that differ by so much are several
 SAME_RATIO = 0.01  # of pictures and apertures, that they are one
 MOST_CONE = 179.0  # degrees
 # columns: axes of our maps in the frame of DomeLight (pole +y, middle +z, +x a quarter to its left)
@@ -232,13 +232,11 @@ class _Scene:
         specular = textures.get("specularColor") if known["useSpecularWorkflow"] else None
         maps = {}
         if specular is not None:
-            colours = self.textures.colours(specular, name)
-            largest, mean = colours.max(axis=2), colours.mean(axis=(0, 1))
-            top = float(largest.max())
-            if np.ptp(colours - largest[..., None] * (mean / max(float(mean.max()), 1e-9))) > MUCH_COLOUR * top:
+            colour, factors, varied = gloss_of_colours(self.textures.colours(specular, name))
+            if varied:
                 self.lost.append(f"{who}: the colour of its gloss by place, of which the mean stands")
-            known = known | {"specularColor": top * mean / max(float(mean.max()), 1e-9)}
-            maps = {} if known["painted"] else {"specular_map": largest / max(top, 1e-9)}
+            known = known | {"specularColor": colour}
+            maps = {} if known["painted"] else {"specular_map": factors}
         look, body = self.look(known, path)._replace(**maps), None
         if uv is not None:
             rest = {key: each for key, each in textures.items() if key != "specularColor"}
