@@ -232,10 +232,10 @@ class _Scene:
         specular = textures.get("specularColor") if known["useSpecularWorkflow"] else None
         maps = {}
         if specular is not None:
-            colour, factors, varied = gloss_of_colours(self.textures.colours(specular, name))
+            specular_colour, factors, varied = gloss_of_colours(self.textures.colours(specular, name))
             if varied:
                 self.lost.append(f"{who}: the colour of its gloss by place, of which the mean stands")
-            known = known | {"specularColor": colour}
+            known = known | {"specularColor": specular_colour}
             maps = {} if known["painted"] else {"specular_map": factors}
         look, body = self.look(known, path)._replace(**maps), None
         if uv is not None:
