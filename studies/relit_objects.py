@@ -6,6 +6,7 @@ Enters: the folder of the uw_psm set (see `uw_psm`), and a seed of simulated glo
 Leaves: a folder for each object with its capture and what `relight` writes, and index.html with the figures of all; and
 prints a table: how much less the boxes miss of the photographs kept aside than least-squares Lambert on the same
 photographs, over all pixels of the object, clipped ones cut off at white; and the same of further predictions.
+The error that the measured photographs let expect stands beside, with the lamp as stated and if it were known.
 With `--rig` each real object has the rig that the other five objects give, and Lambert is shown without it and with it.
 """
 
@@ -40,7 +41,15 @@ PREDICTIONS = {
 COMPARED = ("boxes_learnt", "boxes", "normals", "learnt")  # with least-squares Lambert
 RIG_TITLES = ("Lambert with the rig", "boxes, learnt, better by")
 COLUMNS = ("boxes, learnt", "boxes", "own forecast", "learnt")  # of these
-TITLES = ["object", *COLUMNS, "Lambert", *(f"{column} better by" for column in COLUMNS), "covered"]
+TITLES = [
+    "object",
+    *COLUMNS,
+    "Lambert",
+    *(f"{column} better by" for column in COLUMNS),
+    "covered",
+    "expected",
+    "lamp known",
+]
 MEANS = ("relative_rmse", "delta_e_2000", "psnr", "ssim")
 
 
@@ -64,6 +73,7 @@ def relit_objects(
     real = {name: shrunk(read_object(folder, name, lamps), shrink) for name in needed}
     readings = {name: object_readings(one, _solved(one)) for name, one in real.items()} if rig else {}
     results: dict[str, tuple[hg.Prediction, ...]] = {}
+    expected: dict[str, tuple[float, float] | None] = {}
     with hg.whole_folder(out, force) as home:
         for i, name in enumerate(objects):
             progress(i / len(objects), name)
@@ -76,11 +86,13 @@ def relit_objects(
             relighting = hg.relight(home / name / "capture", hold=held, rig=used)
             relighting.save(home / name / "relit")
             hg.write_relight_report(home / name / "relit" / "report.html", relighting)
-            results[name] = relighting.predictions
+            results[name], expected[name] = relighting.predictions, relighting.expected
         titles = [*TITLES, *RIG_TITLES] if readings else TITLES
-        print_table("photographs kept aside", titles, [_row(name, relit) for name, relit in results.items()])
+        rows = [_row(name, relit, expected[name]) for name, relit in results.items()]
+        print_table("photographs kept aside", titles, rows)
         record = {name: [one.record() for one in relit] for name, relit in results.items()}
-        hg.write_json(home / "results.json", {"hagoromo": hg.__version__, "held": list(HELD), "objects": record})
+        stated = {"hagoromo": hg.__version__, "held": list(HELD), "expected": expected}
+        hg.write_json(home / "results.json", {**stated, "objects": record})
         _write_index(home / "index.html", results)
         progress(1.0, "")
     return results
@@ -90,13 +102,14 @@ def _solved(capture: hg.Capture) -> hg.NormalMap:
     return solve_uneven_lamps(capture, float(np.linalg.norm(capture.photographs[0].camera.position)))
 
 
-def _row(name: str, relit: Sequence[hg.Prediction]) -> list[str]:
-    """Mean relative errors of an object, and the gain over Lambert."""
+def _row(name: str, relit: Sequence[hg.Prediction], expected: tuple[float, float] | None) -> list[str]:
+    """Mean relative errors of an object, the gain over Lambert, and the errors that were expected."""
     mean = {key: float(np.mean([one.compared[key].relative_rmse for one in relit])) for key in relit[0].compared}
     *ours, lambert = (mean[key] for key in (*COMPARED, "lambert"))
     covered = sum(one.compared["boxes"].pixels for one in relit) / sum(one.object_pixels for one in relit)
     gains = [f"{100 * (1 - error / lambert):+.0f} %" for error in ours]
     row = [name, *(f"{error:.4f}" for error in (*ours, lambert)), *gains, f"{100 * covered:.0f} %"]
+    row += ["", ""] if expected is None else [f"{error:.4f}" for error in expected]
     if "lambert_rig" in mean:
         row += [f"{mean['lambert_rig']:.4f}", f"{100 * (1 - mean['boxes_learnt'] / mean['lambert_rig']):+.0f} %"]
     return row

@@ -310,6 +310,8 @@ def relight(
             f"{prediction.name}: volume boxes differ from the photograph by {100 * figures.relative_rmse:.1f} % "
             f"(relative rmse), ΔE00 {figures.delta_e_2000:.2f}"
         )
+    if relighting.advice is not None:
+        say(relighting.advice)
     wrote(out / "report.html")
 
 

@@ -34,7 +34,10 @@ def write_relight_report(path: Path, relighting: Relighting) -> None:
         name=capture.name,
         measured=len(capture.photographs),
         rim=RELIEF_RIM_PX,
-        found=[_found(one) for one in relighting.predictions],
+        found=[
+            *(_found(one) for one in relighting.predictions),
+            *([f"{relighting.advice}."] if relighting.advice else []),
+        ],
         rows=[row for one in relighting.predictions for row in _rows(one)],
         photographs=[_photograph(one) for one in relighting.predictions],
         **page_viewer(report_viewer(relighting.measurement)),

@@ -20,6 +20,7 @@ from hagoromo.cluster.cluster import Workers
 from hagoromo.cluster.mapped import here_or_on
 from hagoromo.errors import InputError
 from hagoromo.measurement.known_shape import SEED, measure_known_shape, with_separation
+from hagoromo.measurement.lamp_departure import lamp_departure
 from hagoromo.measurement.linearity import linearity_of, why_not_tested
 from hagoromo.measurement.material.body_map import BodyMap
 from hagoromo.measurement.material.body_spectra import body_spectra
@@ -237,12 +238,16 @@ def _assumed(measurement: Measurement) -> Measurement:
             stacklevel=3,
         )
     taken = {**capture.assumptions, "linearity": said}
+    solved = measurement.normal_map
+    departure = None if solved is None else lamp_departure(solved, [one.lamps[0] for one in capture.photographs])
+    if departure is not None and departure.significant:
+        taken["lamps"] = f"{taken.get('lamps', 'as stated')}; {departure.sentence}, which the fit allows for"
     if measurement.rig is not None:
         taken["rig"] = (
             f"lamps evened by a rig measured on {', '.join(measurement.rig.sources) or 'something else'}; of its "
             f"differences in strength {measurement.rig_share:.2f} hold here"
         )
-    return replace(measurement, assumptions=taken, linearity=found)
+    return replace(measurement, assumptions=taken, linearity=found, lamp_departure=departure)
 
 
 def _warn_of_motion(capture: Capture) -> None:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from hagoromo.files.png import png_data_uri
 from hagoromo.files.whole import whole_folder
 from hagoromo.measurement.gloss.gloss_map import GlossMap
+from hagoromo.measurement.lamp_departure import LampDeparture
 from hagoromo.measurement.material.body_map import BodyMap
 from hagoromo.measurement.material.separation import Separation
 from hagoromo.measurement.photographed import Photographed, photographed
@@ -53,12 +54,13 @@ class Measurement:
     shape that was solved.
     settings: those of `measure`, and seed: of its random numbers. assumptions: what is taken for given, in words.
     linearity: the exponent that the shading asks of the values, 1 if they are linear in light; None: not tested.
+    lamp_departure: how far the lamps that a solved shape shows depart from the stated ones; None: they were not fitted.
     own_light: the light that a solved surface sends to itself; None where the shape was given.
     rig: the rig by which the photographs were evened, and rig_share: how much of the differences in strength that were
     stated holds for them (`rig` has them so). None: they were not evened.
     photographed: camera and lamps, of a measurement that `load` read; `photographed_with` has those of any.
-    A measurement that `load` read has no lamp_colour, capture, fine and normal_map (None), and no predicted
-    and residuals (empty).
+    A measurement that `load` read has no lamp_colour, capture, fine, normal_map and lamp_departure (None), and no
+    predicted and residuals (empty).
     """
 
     materials: tuple[MaterialEstimate, ...]
@@ -80,6 +82,7 @@ class Measurement:
     seed: int | None = None
     assumptions: Mapping[str, str] = field(default_factory=dict)
     linearity: Exponent | None = None
+    lamp_departure: LampDeparture | None = None
     photographed: Photographed | None = None
     own_light: OwnLight | None = None
     rig: Rig | None = None

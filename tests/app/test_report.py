@@ -16,6 +16,7 @@ from hagoromo.app.report.page import number_columns, page_drawing, page_picture,
 from hagoromo.image.compare import Comparison
 from hagoromo.image.relight.prediction import PREDICTIONS, Prediction
 from hagoromo.image.relight.relighting import Relighting
+from hagoromo.measurement.lamp_departure import LampDeparture
 from hagoromo.measurement.measure import measure
 from hagoromo.publication.document import script_hash
 from tests.app.published_ball import ball
@@ -88,10 +89,12 @@ def test_the_report_of_relit_photographs_is_harmless(tmp_path):
         white=1.0,
         object_pixels=221,
     )
-    write_relight_report(tmp_path / "report.html", Relighting(measure(capture), cast(Any, None), (one,)))
+    measured = replace(measure(capture), lamp_departure=LampDeparture(0.04, 0.01, 0.001, 0.04, True))
+    write_relight_report(tmp_path / "report.html", Relighting(measured, cast(Any, None), (one,), 0.03))
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert_harmless(text)
     assert text.count("<img") == 1 + 3 * len(PREDICTIONS)
+    assert "A photograph under a further lamp is then off by about 5 %" in text
     assert text.index("the volume boxes differ from the photograph by") < text.index("How it was compared")
 
 

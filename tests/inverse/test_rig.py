@@ -11,6 +11,7 @@ from hagoromo.app.cli import main
 from hagoromo.calibration.rig.calibrate_rig import rig_of
 from hagoromo.calibration.rig.lamp_readings import LampReadings
 from hagoromo.errors import InputError
+from hagoromo.measurement.lamp_departure import lamp_departure
 from hagoromo.measurement.rig_share import fitted_rig
 from hagoromo.measurement.surface import large_capture
 from hagoromo.measurement.surface import tile_store as store_module
@@ -166,9 +167,23 @@ def test_photographs_say_how_much_of_the_rig_holds(of_card):
     assert np.allclose(rig.strengths_at(lamps, place), found * of_card.strengths_at(lamps, place), atol=2e-3)
 
 
-def test_a_lamp_kept_aside_is_predicted_with_its_strength(tmp_path, of_card):
+def test_photographs_show_how_far_lamps_depart():
+    """Of a glossy ball, without a rig: strengths and fall-off over it to a quarter, a part of which its prior takes."""
+    capture, (level, slope) = taken("ball", "ball", 3), truth(7)
+    solved = hg.solve_normals(capture)
+    found = lamp_departure(solved, [one.lamps[0] for one in capture.photographs])
+    rows, columns = solved.views.rows, solved.views.columns
+    p = (np.stack([columns, rows], axis=1) + 0.5 - np.array([WIDTH, HEIGHT]) / 2) / (WIDTH / 2)
+    light = level.mean(axis=1)[:, None] + slope @ p.T
+    middle = light.mean(axis=1)
+    assert found is not None and found.significant
+    assert found.strength == pytest.approx(np.sqrt(np.mean(middle**2)), rel=0.25)
+    assert found.falloff == pytest.approx(np.sqrt(np.mean((light - middle[:, None]) ** 2)), rel=0.25)
+
+
+def test_a_lamp_kept_aside_is_predicted_with_its_strength(tmp_path, of_card, capsys):
     """By the commands: the error of all predictions falls to less than half of Lambert's, as in the issue; of Lambert
-    under the rig, too, which is given beside it. The files have the rig as it was used.
+    under the rig, too, which is given beside it. The files have the rig as it was used; no further one is advised.
     """
     hg.save_capture(taken("card", "card", 2), tmp_path / "card")
     hg.save_capture(taken("bumps", "bumps", 3), tmp_path / "bumps")
@@ -180,6 +195,7 @@ def test_a_lamp_kept_aside_is_predicted_with_its_strength(tmp_path, of_card):
     error = {key: figures["relative_rmse"] for key, figures in one["compared"].items()}
     assert max(error["normals"], error["learnt"], error["boxes_learnt"]) < 0.5 * error["lambert"]
     assert error["lambert_rig"] < error["lambert"]
+    assert "further lamp" not in capsys.readouterr().out
     used = hg.Measurement.load(tmp_path / "relit" / "measured")
     assert used.rig is not None and "card" in used.assumptions["rig"]
     place = np.array([-3.0 / (WIDTH / 2), 0.0])

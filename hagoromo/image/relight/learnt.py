@@ -83,7 +83,8 @@ class Learnt:
     """What was learnt from the photographs of `capture`, whose fit is `solved`.
 
     shadows and neighbours: None where they do not predict better. gains: share of the squared error of photographs
-    left out that each takes off. residuals: (K, C, P) of the views' values, under even lamps.
+    left out that each takes off; error: their relative error that is left. residuals: (K, C, P) of the views' values,
+    under even lamps.
     """
 
     solved: NormalMap
@@ -91,6 +92,7 @@ class Learnt:
     shadows: Shadows | None
     neighbours: Neighbours | None
     gains: tuple[float, float]
+    error: float
     residuals: NDArray[np.float32] | None
 
     def added(self, shown: Array, to_lamp: Array, passed: Array | float = 1.0) -> Array:
@@ -128,7 +130,9 @@ def learn(capture: Capture, solved: NormalMap, seed: int = 0, passed: Array | No
     if neighbours is not None:
         whole = Case(-1, *_known(capture, views), *_predictions(capture, views, fit, passed), fit.body)
         residuals = whole.residuals(shadows).astype(np.float32)
-    return Learnt(solved, capture, shadows, neighbours, (first, second), residuals)
+    before = _error([case.own for case in cases], None)
+    error = float(np.sqrt(before * (1.0 - first) * (1.0 - second)))
+    return Learnt(solved, capture, shadows, neighbours, (first, second), error, residuals)
 
 
 @dataclass(frozen=True, eq=False)

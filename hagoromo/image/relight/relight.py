@@ -80,7 +80,8 @@ def relight(
             by_lambert = _of_yardsticks(yardsticks, stage, photograph)
             predictions.append(predict(stage, corrected, number, home, by_lambert, learnt, field))
     progress(1.0, "")
-    return Relighting(measurement, stage, tuple(predictions))
+    left_out = learnt["boxes_learnt"].error if learnt else None
+    return Relighting(measurement, stage, tuple(predictions), left_out)
 
 
 def _under(rig: Rig, stage: Stage, photograph: Photograph) -> tuple[NDArray[np.float32], Photograph]:

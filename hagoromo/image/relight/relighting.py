@@ -18,6 +18,7 @@ from hagoromo.measurement.measurement import Measurement
 
 FIGURE_TITLES = ("photograph", "prediction", "relative rmse", "ΔE00, mean", "PSNR [dB]", "SSIM")
 LARGEST_PICTURE_PX = 256  # px, at most, of a side of a picture in a notebook
+LEAST_ADVISED = 0.1  # of the error: advice that brings less is not given
 MEASURED_FOLDER = "measured"  # folder of the measurement
 
 
@@ -26,12 +27,48 @@ class Relighting:
     """The result of `relight`.
 
     measurement: of the photographs that were not held out. stage: its surface as a recipe of a volume box.
-    predictions: one for each photograph that was held out.
+    predictions: one for each photograph that was held out. left_out: relative error with which the boxes, with what was
+    learnt, predict the photographs that were measured, each left out in turn, its lamp as the others show it; None
+    where nothing was learnt.
     """
 
     measurement: Measurement
     stage: Stage
     predictions: tuple[Prediction, ...]
+    left_out: float | None = None
+
+    @property
+    def expected(self) -> tuple[float, float] | None:
+        """Relative error of a photograph under a further lamp of the measured view, and that if the lamp were known.
+
+        None where the shape was given, or nothing was learnt.
+        """
+        departure = self.measurement.lamp_departure
+        if departure is None or self.left_out is None:
+            return None
+        return float(np.hypot(self.left_out, departure.photograph)), self.left_out
+
+    @property
+    def advice(self) -> str | None:
+        """How far off a photograph under a further lamp is, and what would bring it nearer, where its lamp matters.
+
+        None where the photographs do not show that the lamps depart from the stated ones, or it matters little.
+        """
+        departure = self.measurement.lamp_departure
+        if departure is None or self.expected is None or not departure.significant:
+            return None
+        expected, known = self.expected
+        if known > (1.0 - LEAST_ADVISED) * expected:
+            return None
+        what = (
+            "measure the lamps on a white card or on other objects (hagoromo calibrate rig) and give --rig"
+            if self.measurement.rig is None
+            else "measure the rig on more objects, as high as this one"
+        )
+        return (
+            f"{departure.sentence[0].upper()}{departure.sentence[1:]}. A photograph under a further lamp is then off "
+            f"by about {100 * expected:.2g} %, by {100 * known:.2g} % if that lamp were known: {what}"
+        )
 
     def save(self, folder: str | Path, force: bool = False) -> Path:
         """Write the data files to `folder`, whole or not at all; see `write_into` for the files.
