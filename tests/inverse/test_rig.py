@@ -280,6 +280,23 @@ def test_a_rig_of_near_lamps_evens_what_is_solved_in_tiles(small_tiles, tmp_path
     assert errors[1][0] < 0.67 * errors[0][0] and errors[1][1] < 0.9 * errors[0][1]
 
 
+def test_a_rig_of_large_photographs_is_read_one_at_a_time(small_tiles, tmp_path, monkeypatch):
+    """Of a card in squares of two pixels: strengths and slopes to 0.2 %, twice what whole photographs give."""
+    hg.save_capture(taken("card", "card", 2), tmp_path / "card")
+    read, load = [], large_capture.load_capture
+
+    def counted(folder, only=slice(None)):
+        read.append(len(load(folder, only).photographs))
+        return load(folder, only)
+
+    monkeypatch.setattr(large_capture, "load_capture", counted)
+    monkeypatch.setattr(store_module, "load_capture", counted)
+    rig = hg.calibrate_rig([tmp_path / "card"], card=True)
+    assert rig.size == (WIDTH // 2, HEIGHT // 2) and rig.sources == ("card",)
+    assert max(read) == 1 and sum(read) >= LAMPS
+    assert np.abs(numbers(rig) - true_numbers()).max() < 2e-3
+
+
 def test_tiles_are_evened_by_the_rig(small_tiles, tmp_path, of_card):
     """Far lamps whose colours differ by 2 %, which a solution without a rig lacks: its χ² falls to a tenth with it."""
     hg.save_capture(taken("ball", "ball", 4), tmp_path / "ball")

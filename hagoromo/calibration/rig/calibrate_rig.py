@@ -15,8 +15,9 @@ from hagoromo.calibration.rig.object_readings import object_readings
 from hagoromo.errors import InputError
 from hagoromo.light.lamp import Lamp
 from hagoromo.measurement.measure import distance_to
+from hagoromo.measurement.surface.large_capture import coarse_or_whole
 from hagoromo.measurement.surface.uneven_lamps import solve_uneven_lamps
-from hagoromo.photograph.capture import Capture, load_capture
+from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.rig import Array, Rig, RigLampRecord, as_rows
 from hagoromo.progress import Progress, part_of, silent
 
@@ -34,6 +35,7 @@ def calibrate_rig(
     """The strengths of the lamps beside one another and the fall-off of their light, from one capture or several.
 
     Each capture, or folder of one, shows an object under all the lamps, one in each photograph; its shape is solved.
+    Photographs in a folder that need more than 4 GiB are read one at a time, as means over squares of pixels.
     card: it shows a flat matte card in the mask instead, which faces `normal` (3,), world (default: the camera), to 1°.
     distance [m]: as in `measure`. With several captures, what differs between them is part of the errors.
 
@@ -46,7 +48,7 @@ def calibrate_rig(
         raise InputError("normal (--normal) is that of a flat card: give card (--card), too")
     readings = []
     for number, source in enumerate(captures):
-        capture = source if isinstance(source, Capture) else load_capture(source)
+        capture = source if isinstance(source, Capture) else coarse_or_whole(source)
         progress(number / len(captures), capture.name)
         part = part_of(progress, number / len(captures), 1.0 / len(captures))
         readings.append(

@@ -7,9 +7,9 @@ from pathlib import Path
 from hagoromo.cluster.cluster import Workers
 from hagoromo.files.record import read_json
 from hagoromo.measurement.normals.gloss_choice import BY_EVIDENCE, GlossModel
-from hagoromo.measurement.surface.tile_store import FolderSource, Source, tile_store
+from hagoromo.measurement.surface.tile_store import FolderSource, Source, binned, coarse_factor, tile_store
 from hagoromo.measurement.surface.tiles import Coarse, Fine, solve_coarse, solve_tiles
-from hagoromo.photograph.capture import capture_file, count_absent, load_capture
+from hagoromo.photograph.capture import Capture, capture_file, count_absent, load_capture
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.progress import Progress, part_of, silent
 
@@ -32,6 +32,17 @@ def large_source(folder: str | Path) -> FolderSource | None:
         return None
     first = load_capture(folder, slice(present[0], present[0] + 1)).photographs[0]
     return FolderSource(Path(folder), present) if needs_tiles(first, len(present)) else None
+
+
+def coarse_or_whole(folder: str | Path) -> Capture:
+    """The capture of a folder; of one that `large_source` gives, means over squares of pixels, read one at a time."""
+    source = large_source(folder)
+    first = None if source is None else load_capture(folder, slice(source.frames[0], source.frames[0] + 1))
+    if source is None or first is None or first.points is not None:
+        return load_capture(folder)
+    photographs = (source.photograph(k) for k in range(source.count))
+    small = tuple(binned(one, coarse_factor(one.camera)) for one in photographs)
+    return Capture(small, first.name)
 
 
 def needs_tiles(photograph: Photograph, count: int) -> bool:

@@ -128,7 +128,7 @@ def tile_store(source: Source, beside: Path, progress: Progress = silent) -> Ite
             f"{source.count} photographs of {width} × {height} px need {needed / 1e9:.0f} GB of scratch in {beside}, "
             f"which has {free / 1e9:.0f} GB free: write to another disk"
         )
-    factor = max(int(np.ceil(np.sqrt(height * width / COARSE_PIXELS))), 1)
+    factor = coarse_factor(first.camera)
     with scratch_folder(beside) as scratch:
         path, scale, coarse, lamps = scratch / "tiles", np.ones(source.count), [], []
         path.touch()
@@ -137,7 +137,7 @@ def tile_store(source: Source, beside: Path, progress: Progress = silent) -> Ite
             photograph = first if k == 0 else source.photograph(k)
             check_lamps([first, photograph], fewest=1)
             scale[k] = _write(path, (k, source.count), photograph)
-            coarse.append(_binned(photograph, factor))
+            coarse.append(binned(photograph, factor))
             lamps.append(photograph.lamps[0])
         small = Capture(tuple(coarse), "coarse")
         yield TileStore(path, channels, scale, first.camera, tuple(lamps), small, factor)
@@ -168,7 +168,12 @@ def _write(path: Path, number: tuple[int, int], photograph: Photograph) -> float
     return scale
 
 
-def _binned(photograph: Photograph, factor: int) -> Photograph:
+def coarse_factor(camera: Camera) -> int:
+    """Pixels of a side of the squares over which a coarse capture has the means."""
+    return max(int(np.ceil(np.sqrt(camera.height * camera.width / COARSE_PIXELS))), 1)
+
+
+def binned(photograph: Photograph, factor: int) -> Photograph:
     """Means over squares of `factor` pixels, valid where all of them are; incomplete squares at the edges are cut."""
     import cv2
 
