@@ -34,14 +34,16 @@ class Place(NamedTuple):
     high: tuple[float, float, float]
 
 
-HEAD_PLACE = Place(bust, (-29.0, -28.0, 195.0), (29.0, 26.0, 268.0))
-SKIN_PLACES = {
+SKIN_PLACES = {  # what lies deeper under clothes is left out: between their threads it would show
     "angel": {
-        "head": HEAD_PLACE,
+        "head": Place(bust, (-29.0, -28.0, 195.0), (29.0, 26.0, 268.0)),
         "hands": Place(arms, (-66.0, -52.0, 126.0), (66.0, 6.0, 172.0)),
         "feet": Place(feet, (-28.0, -34.0, -0.6), (28.0, 16.0, 61.0)),
     },
-    "nun": {"head": HEAD_PLACE, "hands": Place(arms, (-44.0, -54.0, 158.0), (44.0, 6.0, 212.0))},
+    "nun": {
+        "head": Place(bust, (-29.0, -28.0, 212.0), (29.0, 26.0, 268.0)),
+        "hands": Place(arms, (-21.0, -54.0, 164.0), (21.0, 6.0, 212.0)),
+    },
 }
 POSES = {"angel": WELCOME, "nun": PRAYER}
 
