@@ -79,5 +79,5 @@ def _light_bytes(bounds: Sequence[Bounds], size: float, channels: int) -> float:
 
 
 def cell_bytes(channels: int) -> float:
-    """Memory of the light of one cell [byte]: whole packets of halves."""
+    """Memory of the light of one cell [byte], at most: whole packets of halves."""
     return 2.0 * PACKET * -(-NUMBERS * channels // PACKET)

@@ -25,21 +25,21 @@ class Field:
         self.residual, self.sweeps, scattering = solution.residual, solution.sweeps, solver.scattering
         self.cells, self.colours, self.scattering, self.channels = cells, colours, scattering, len(incident)
         columns = [number for numbers in incident for number in numbers]
-        self.packets = -(-len(columns) // 4)
-        columns += [dr.zeros(jit.Float, cells.count)] * (4 * self.packets - len(columns))
+        alone = len(columns) % 4 == 1  # the last number is kept beside the packets, or three quarters of one were empty
+        self.packets = len(columns) // 4 if alone else -(-len(columns) // 4)
         largest = [max(float(dr.max(dr.abs(number))[0]) for number in numbers) for numbers in incident]
         self.scale = [dr.opaque(jit.Float, most or 1.0) for most in largest]
         lane, values = dr.arange(jit.UInt, cells.count), dr.zeros(jit.Float16, 4 * self.packets * cells.count)
-        for k, column in enumerate(columns):
-            scale = 1.0 / self.scale[k // NUMBERS] if k < len(incident) * NUMBERS else jit.Float(1)
-            dr.scatter(values, jit.Float16(column * scale), lane * (4 * self.packets) + k)
-        self.values = values
-        dr.eval(values)
+        scaled = [jit.Float16(column * (1.0 / self.scale[k // NUMBERS])) for k, column in enumerate(columns)]
+        for k, column in enumerate(scaled[: 4 * self.packets]):
+            dr.scatter(values, column, lane * (4 * self.packets) + k)
+        self.values, self.last = values, scaled[-1] if alone else jit.Float16()
+        dr.eval(values, self.last)
 
     @property
     def bytes(self) -> int:
         """Memory of the light and the table of cells [byte]."""
-        return 2 * dr.width(self.values) + self.cells.bytes
+        return 2 * (dr.width(self.values) + dr.width(self.last)) + self.cells.bytes
 
     def record(self) -> dict[str, Any]:
         """Figures of the solution, as plain values."""
@@ -71,7 +71,7 @@ class Field:
         """The nine numbers of the incident light of every channel, between the eight cells around a point."""
         jit = arrays()
         cells, weights = self.cells.around(self.cells.place(point))
-        total = [jit.Array4f(0.0) for _ in range(self.packets)]
+        total, last = [jit.Array4f(0.0) for _ in range(self.packets)], jit.Float(0)
         known = jit.Float(0)
         for cell, weight in zip(cells, weights, strict=True):
             there = cell >= 0
@@ -79,8 +79,13 @@ class Field:
             for k in range(self.packets):
                 packet = dr.gather(jit.Array4f16, self.values, jit.UInt(cell) * self.packets + k, there)
                 total[k] = dr.fma(jit.Array4f(packet), weight, total[k])
+            if dr.width(self.last):
+                number = dr.gather(jit.Float16, self.last, jit.UInt(cell), there)
+                last = dr.fma(jit.Float(number), weight, last)
         inverse = dr.rcp(dr.fmax(known, 1e-6))
-        flat = [total[k // 4][k % 4] * inverse for k in range(self.channels * NUMBERS)]
+        flat = [
+            number * inverse for number in [*(x for packet in total for x in packet), last][: self.channels * NUMBERS]
+        ]
         return [
             [number * self.scale[c] for number in flat[c * NUMBERS : (c + 1) * NUMBERS]] for c in range(self.channels)
         ]
