@@ -16,8 +16,8 @@ from hagoromo.app.formats.usd_scene import scene_from_usd
 from hagoromo.errors import InputError
 from hagoromo.image.scene_file import load_scene
 from hagoromo.light.colour import srgb_decode
+from tests.files.blender import in_blender
 from tests.files.test_gltf_textures import CORNERS, FACES, UV
-from tests.files.test_usd_scene import in_blender
 
 pytest.importorskip("pxr", reason="needs usd-core: pip install 'hagoromo[usd]'")
 
