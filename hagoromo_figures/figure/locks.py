@@ -18,7 +18,11 @@ from hagoromo_figures.figure.pose import Pose
 
 SCALP = (0.0, 2.0, 4.6), (12.0, 15.4, 13.9)  # middle and radii of the cranium, in the axes of the head
 HAIRLINE = 9.0  # height over the middle of the head, at the forehead
-PARTING, BESIDE = -0.6, 0.3  # x of the parting, and the share of the locks that leave it
+PARTING, BESIDE = -0.6, 0.26  # x of the parting, and the share of the locks that leave it
+CROWN, COMBED_BACK = 1.0, 7.0  # y where the parting ends, and from which hair is combed to the back
+AT_CROWN, CROWN_RADIUS = 0.14, 5.0  # share of the locks that leave the crown, and how far around it
+SPREAD_BEHIND = 16.0  # x from which hair behind the crown is combed as far to the side as at the parting
+RISE, CLOSE = 14.0, 0.25  # way from the scalp where a lock lies as high as it will, and the share of that at its root
 FRONT, BEHIND = (9.0, 17.0), (0.5, 16.0)  # x where hair falls over the shoulders, from and to; and down the back
 HAIR_BACK_Y = 13.0  # y where hair stays before the roots of wings
 LOCK_STEP = 0.8  # between the points of a lock
@@ -38,7 +42,7 @@ def fallen(pose: Pose, count: int, clothes_mm: float, draw: np.random.Generator)
     roots, outward = _roots(count, pose, draw)
     solid = _solid(pose, clothes_mm)
     lift = draw.uniform(0.3, 1.9, count)  # over head and shoulders
-    side = np.where(_local(roots, pose)[:, 0] > PARTING, 1.0, -1.0)
+    side = _side(_local(roots, pose))
     front = np.clip((_local(roots, pose)[:, 1] + 3.0) / -7.0, -1.0, 1.0) + draw.normal(0.0, 0.25, count)
     length = draw.normal(np.where(front > 0, 92.0, 72.0), 6.0)
     aim = np.where(front > 0, draw.uniform(*FRONT, count), draw.uniform(*BEHIND, count))
@@ -48,17 +52,24 @@ def fallen(pose: Pose, count: int, clothes_mm: float, draw: np.random.Generator)
     for k in range(1, points.shape[1]):
         point = points[:, k - 1]
         distance, normal = _asked(solid, point)
-        near = np.clip(1.5 - (distance - lift) / 2.0, 0.0, 1.0)[:, None]
+        height = lift * min(CLOSE + (1.0 - CLOSE) * k * LOCK_STEP / RISE, 1.0)
+        near = np.clip(1.5 - (distance - height) / 2.0, 0.0, 1.0)[:, None]
         wanted = _wanted(point, normal, side, aim, front * np.fmax(near[:, 0], _drawn(point, front)), pose)
         wanted -= near * normal * np.minimum((wanted * normal).sum(axis=1, keepdims=True), 0.0)
         way = STIFF * way + (1.0 - STIFF) * wanted
         held = np.clip((point[:, 2] - pose.head[2] + 2.0) / 6.0, 0.0, 1.0)  # to the skull, not to the neck
-        way += np.clip((lift - distance) * 0.35, -0.12 * held, 0.5)[:, None] * normal * near
+        way += np.clip((height - distance) * 0.35, -0.12 * held, 0.5)[:, None] * normal * near
         way[:, 2] = np.where(point[:, 2] < pose.neck[2] + 6.0, np.minimum(way[:, 2], -0.2), way[:, 2])  # it never rises
         way /= np.linalg.norm(way, axis=1, keepdims=True)
         points[:, k] = point + LOCK_STEP * way
     waved = _waved(points, roots, draw)
     return Locks(waved, np.clip(length / LOCK_STEP, 8, points.shape[1] - 1).astype(int))
+
+
+def _side(root: NDArray) -> NDArray:
+    """To which side, −1…1, locks are combed: apart at the parting, to the back behind it. root: in the head's axes."""
+    across, behind = root[:, 0] - PARTING, np.clip((root[:, 1] - CROWN) / (COMBED_BACK - CROWN), 0.0, 1.0)
+    return (1.0 - behind) * np.where(across > 0.0, 1.0, -1.0) + behind * np.clip(across / SPREAD_BEHIND, -1.0, 1.0)
 
 
 def _wanted(point: NDArray, normal: NDArray, side: NDArray, aim: NDArray, front: NDArray, pose: Pose) -> NDArray:
@@ -110,17 +121,20 @@ def _roots(count: int, pose: Pose, draw: np.random.Generator) -> tuple[NDArray, 
     x, y, z = local.T
     line = np.interp(-y, (-6.0, 2.0, 6.0, 9.5, 13.0), (-7.0, 1.5, 3.5, 6.5, HAIRLINE)) - 0.12 * np.abs(x)
     grown = (z > line) & ((y < -1.0) | (z > -6.0))
-    chosen = draw.permutation(np.flatnonzero(grown))[:count]
-    chosen = np.resize(chosen, count)
-    # more of them beside the parting, where the scalp would show
-    edge = draw.permutation(count) < BESIDE * count
-    unit[chosen[edge], 0] = (PARTING + np.resize([-0.2, 0.2], edge.sum())) / radii[0]
-    unit[chosen[edge], 1] = np.linspace(-0.97, 0.6, edge.sum())
-    unit[chosen[edge], 2] = np.sqrt(np.maximum(1.0 - (unit[chosen[edge], :2] ** 2).sum(axis=1), 0.05))
-    local[chosen] = middle + radii * unit[chosen] / np.linalg.norm(unit[chosen], axis=1, keepdims=True)
-    normal = unit[chosen] / radii
+    # more of them beside the parting and at the crown, from where hair goes apart and the scalp would show
+    edge, crown = round(BESIDE * count), round(AT_CROWN * count)
+    there = np.flatnonzero(grown)
+    even = unit[there[np.linspace(0, len(there) - 1, count - edge - crown).astype(int)]]
+    x, y = PARTING + np.resize([-0.2, 0.2], edge), np.linspace(middle[1] - 0.97 * radii[1], CROWN, edge)
+    away, turn = CROWN_RADIUS * np.sqrt(draw.uniform(0.0, 1.0, crown)), draw.uniform(0.0, 2.0 * np.pi, crown)
+    x = np.append(x, PARTING + away * np.cos(turn)) / radii[0]
+    y = (np.append(y, CROWN + CROWN_RADIUS + away * np.sin(turn)) - middle[1]) / radii[1]
+    top = np.stack([x, y, np.sqrt(np.maximum(1.0 - x**2 - y**2, 0.05))], axis=1)
+    unit = draw.permutation(np.concatenate([even, top]))
+    unit /= np.linalg.norm(unit, axis=1, keepdims=True)
+    normal = unit / radii
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    return _world(local[chosen], pose, True), _world(normal, pose, False)
+    return _world(middle + radii * unit, pose, True), _world(normal, pose, False)
 
 
 def _solid(pose: Pose, clothes: float) -> Shape:

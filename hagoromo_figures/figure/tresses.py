@@ -22,7 +22,7 @@ from hagoromo_figures.figure.splat import Strands, along, joined, splat
 
 POSES = {"angel": WELCOME, "nun": PRAYER}
 HAIR_FINENESS = Fineness(0.2, 0.16)
-LOCKS, STRANDS = 520, 17  # of a head, and of a lock
+LOCKS, STRANDS = 600, 17  # of a head, and of a lock
 LOCK_HALF_WIDTH = 1.1  # half width of a lock
 STRAND_WIDTH = 0.16  # of a strand: a wisp of hairs
 LOOSE = 110  # hairs that leave their lock

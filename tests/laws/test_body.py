@@ -25,10 +25,11 @@ from hagoromo_figures.figure.figure_skin import (
 )
 from hagoromo_figures.figure.hand import FOLDED, LENGTH, OPEN, digits, frame
 from hagoromo_figures.figure.head import head
+from hagoromo_figures.figure.locks import CROWN, SCALP, fallen, head_axes
 from hagoromo_figures.figure.mannequin import arm, trunk
 from hagoromo_figures.figure.pose import PRAYER, WELCOME
 from hagoromo_figures.figure.splat import Strands, along, splat
-from hagoromo_figures.figure.tresses import hair_of
+from hagoromo_figures.figure.tresses import CLOTHES, LOCK_HALF_WIDTH, LOCKS, hair_of
 
 SKIN = Reflectance(0.3, 0.2, 0.4, 1.4, Spectrum.constant(0.5), element="sphere")
 HAIR = Reflectance(0.3, 0.2, 0.15, 1.55, Spectrum.constant(0.2), element="cylinder")
@@ -199,3 +200,20 @@ def test_unknown_figures_are_refused():
         figure_skin("nun", "feet", SKIN)
     with pytest.raises(InputError, match="no figure 'imp'"):
         hair_of("imp", HAIR)
+
+
+def test_hair_covers_the_scalp_behind_the_parting():
+    """No place there is farther from the middle of a lock, seen from outside, than half the width of a lock; 6 % of
+    them were, up to 3 mm.
+    """
+    from scipy.spatial import KDTree
+
+    middle, radii = np.array(SCALP)
+    locks = fallen(WELCOME, LOCKS, CLOTHES, np.random.default_rng(1))
+    points = np.concatenate([path[:end] for path, end in zip(*locks, strict=True)]) - WELCOME.head
+    seen = (points @ head_axes(WELCOME).T - middle) / radii
+    seen = middle + radii * seen / np.linalg.norm(seen, axis=1, keepdims=True)
+    directions = np.random.default_rng(2).normal(size=(20_000, 3))
+    scalp = middle + radii * directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    behind = scalp[(scalp[:, 1] > CROWN + 3.0) & (scalp[:, 2] > 0.0)]
+    assert KDTree(seen).query(behind)[0].max() < LOCK_HALF_WIDTH
