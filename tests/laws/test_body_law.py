@@ -54,6 +54,45 @@ def test_the_albedo_is_the_integral(law):
         assert diffuse_albedo_ratio(*law) == pytest.approx((2.0 / (2.0 + epsilon)) ** 2, rel=2e-3)
 
 
+def angles(count: int, seed: int, sign: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Angles of lamp and eye with the normal, with cosines above the one that is held, and the turn between them.
+
+    sign: of the cosine of the turn, and so of s: above 0 they stand on one side of the normal, below on opposite sides.
+    """
+    draw = np.random.default_rng(seed)
+    lamp, eye = np.arccos(draw.uniform(0.03, 1.0, (2, count)))
+    return lamp, eye, draw.uniform(-0.5, 0.5, count) * math.pi + (0.0 if sign > 0.0 else math.pi)
+
+
+@pytest.mark.parametrize("sigma", [0.8, -0.4])
+@pytest.mark.parametrize("side", [1.0, -1.0], ids=["lamp and eye on one side", "on opposite sides"])
+def test_the_roughness_is_that_of_oren_and_nayar_as_fujii_writes_it(side, sigma):
+    """1 + σ s/t, 0 or more, in angles: s is sinθ_i sinθ_r cosΔψ; t = max(cosθ_i, cosθ_r) where s > 0, else 1.
+
+    Where s > 0, s/t is Oren and Nayar's cosΔψ sin(max θ) tan(min θ) (1994, eq. 30).
+    """
+    lamp, eye, turn = angles(2003, 5, side)
+    s = np.sin(lamp) * np.sin(eye) * np.cos(turn)
+    assert (s * side > 0.0).all()
+    qualitative = np.cos(turn) * np.sin(np.maximum(lamp, eye)) * np.tan(np.minimum(lamp, eye))
+    expected = np.maximum(1.0 + sigma * (qualitative if side > 0.0 else s), 0.0)
+    zero = np.zeros_like(lamp)
+    to_lamp = np.stack([np.sin(lamp), zero, np.cos(lamp)])
+    to_eye = np.stack([np.sin(eye) * np.cos(turn), np.sin(eye) * np.sin(turn), np.cos(eye)])
+    factor = body(to_lamp, to_eye, (0.0, sigma)) / to_lamp[2]
+    assert factor == pytest.approx(expected, rel=1e-12)
+    assert abs(factor - 1.0).max() > 0.3
+
+
+def test_the_factor_has_no_step_where_lamp_and_eye_change_sides():
+    """s/t is 0 there from either side, and its slope by the turn goes from 1/t to 1."""
+    turns = 0.5 * math.pi + np.array([-1e-6, 1e-6])
+    eye = np.stack([0.8 * np.cos(turns), 0.8 * np.sin(turns), np.full(2, 0.6)])
+    lamp = np.broadcast_to([[0.96], [0.0], [0.28]], eye.shape)
+    over = body(lamp, eye, (0.0, 1.0)) / lamp[2] - 1.0
+    assert over == pytest.approx(0.96 * 0.8 * 1e-6 * np.array([1.0 / 0.6, -1.0]), rel=1e-6)
+
+
 def test_energy_and_elements_are_checked():
     bright = {"alpha": 0.9 / math.pi}
     with pytest.raises(hg.InputError, match="breaks energy conservation: seen at 90"):
