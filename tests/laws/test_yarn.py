@@ -262,6 +262,69 @@ def test_cloths_that_cannot_be_knitted_are_refused_in_one_line(change, message):
     assert "\n" not in str(refused.value)
 
 
+def test_a_ply_holds_as_many_fibres_as_a_hexagonal_lattice():
+    """Fibres of diameter d in a ply of diameter D: the disc's area over that of a lattice's cell, √3/2 d²."""
+    most = int(np.pi / 4 * 1.0**2 / (np.sqrt(3.0) / 2 * 0.1**2))
+    yarn = Yarn(diameter_mm=1.0, fibre_um=100.0, twist_per_cm=0.0, fibres=most)
+    assert check_yarn(yarn, "yarn") == yarn
+    with pytest.raises(InputError, match=f"{most + 1} fibres of 100 µm do not fit a ply of the yarn: at most {most}$"):
+        check_yarn(yarn._replace(fibres=most + 1), "yarn")
+
+
+def steepest(fits) -> float:
+    """Largest angle [°] below 89 for which `fits`, which does up to it, to 1e-3."""
+    low, high = 0.0, 89.0
+    while high - low > 1e-3:
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if fits(middle) else (low, middle)
+    return low
+
+
+def test_plies_are_twisted_until_they_would_enter_each_other():
+    """Two helices of radius 1 on opposite sides: while their lines are nearest straight across, plies only touch."""
+    turn = np.linspace(1e-3, np.pi, 20_001)
+    middle = np.array([1.0, 0.0, 0.0])
+
+    def apart(angle: float) -> bool:
+        rise = turn / np.tan(np.radians(angle))
+        other = np.stack([-np.cos(turn), -np.sin(turn), rise], axis=1)
+        return bool((((other - middle) ** 2).sum(axis=1) >= 4.0).all())
+
+    plies = Yarn(plies=2, fibres=1)
+    around = np.pi * plies.diameter_mm * plies.ply[1]  # length of a turn around the yarn [mm]
+
+    def spun(angle: float) -> bool:
+        try:
+            check_yarn(plies._replace(twist_per_cm=10.0 * np.tan(np.radians(angle)) / around), "yarn")
+        except InputError as refused:
+            assert "beyond the packing limit" in str(refused)
+            return False
+        return True
+
+    assert steepest(spun) == pytest.approx(steepest(apart), abs=0.01)
+
+
+@pytest.mark.parametrize(("plies", "touching", "filled"), [(2, 1 / 2, 0.610), (3, 0.6462, 0.743), (4, 0.6863, 0.797)])
+def test_pressed_plies_fill_more_of_the_yarn(plies, touching, filled):
+    """The section, counted on a lattice: plies touch the yarn's outline and keep their own side of each flat face.
+
+    touching: share that round plies fill, n / (1 + 1/sin(π/n))²; filled: with a radius 1.15 times as large.
+    """
+    yarn = Yarn(plies=plies, fibres=10)
+    radius, offset = yarn.ply
+    assert radius + offset == pytest.approx(1.0)
+    assert plies * (radius / 1.15) ** 2 == pytest.approx(touching, rel=1e-4)
+    at = (np.arange(800) + 0.5) / 400.0 - 1.0
+    points = np.stack(np.meshgrid(at, at), axis=-1)
+    angles = 2.0 * np.pi * np.arange(plies) / plies
+    middles = offset * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    distances = np.linalg.norm(points[..., None, :] - middles, axis=-1)
+    own = distances[..., 0] <= np.minimum(radius, distances.min(axis=-1))  # of the first ply
+    counted = plies * own.mean() * 4.0 / np.pi
+    assert counted == pytest.approx(filled, abs=1e-3)
+    assert plies * radius**2 * yarn.kept == pytest.approx(counted, abs=1e-3)
+
+
 def test_the_presets_can_be_made():
     for cloth in (LINEN, WOOL, SILK):
         assert woven(cloth, 0.1, 1).populations == 2
