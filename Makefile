@@ -1,20 +1,26 @@
 # make setup | data | demo | test | test-slow | docs | bench | cycles | figures | gallery | published | tutorials | real | relit | lamps | calibration | near |
-# spectra | response | coverage | merl | first-order | orders | modes | cluster | platforms | package | crash | fuzz: each sets up what it needs.
+# spectra | response | coverage | merl | first-order | orders | modes | cluster | platforms | package | crash | fuzz |
+# constraints | audit | lowest: each sets up what it needs.
 SHELL := /bin/bash
 BIN := .venv/bin
 READY := .venv/ready
 PEERS := .venv/peers
-INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --only-binary=:all: -c constraints.txt
+LOWEST := .venv/lowest
+TOOLS := .venv/pins
+INSTALL := -m pip install --quiet --disable-pip-version-check --only-binary=:all:
+OWN := --no-deps --no-build-isolation -e .
 
-.PHONY: setup data demo test test-slow docs bench cycles real relit lamps calibration near spectra response coverage merl first-order orders modes cluster figures gallery viewer turning published tutorials schemas platforms package crash fuzz
+.PHONY: setup data demo test test-slow docs bench cycles real relit lamps calibration near spectra response coverage merl first-order orders modes cluster figures gallery viewer turning published tutorials schemas platforms package crash fuzz constraints audit lowest
 
 setup: $(READY)
 
-# Wheels only, all versions pinned, the build backend too; the stamp is written last, so a broken set-up starts again.
-$(READY): pyproject.toml constraints.txt .ci/venv .ci/llvm
+# Wheels only, of pinned versions and with the hashes of constraints.txt, the build backend too; then this checkout. The
+# stamp is written last, so a broken set-up starts again.
+$(READY): pyproject.toml constraints.txt packaging/pins.py .ci/venv .ci/llvm
 	.ci/venv .venv
-	$(INSTALL) hatchling editables
-	$(INSTALL) --no-build-isolation -e '.[dev]'
+	$(BIN)/python packaging/pins.py 'hagoromo[dev]' build >.venv/pins.txt
+	$(BIN)/python $(INSTALL) --require-hashes -r .venv/pins.txt
+	$(BIN)/python $(INSTALL) $(OWN)
 	.ci/llvm $(BIN)/python
 	touch $@
 
@@ -71,11 +77,34 @@ bench: $(PEERS)
 # Blender's Cycles for benchmarks/orders.py, in a Python environment of its own: bpy needs another NumPy (1 GB).
 cycles: $(READY)
 	$(BIN)/python -m venv .venv/cycles
-	.venv/cycles/bin/python -m pip install --quiet --disable-pip-version-check --only-binary=:all: -r benchmarks/cycles.txt
+	.venv/cycles/bin/python $(INSTALL) --require-hashes -r benchmarks/cycles.txt
 
 $(PEERS): $(READY)
-	$(INSTALL) --no-build-isolation -e '.[bench]'
+	$(BIN)/python packaging/pins.py 'hagoromo[bench]' >.venv/peers.txt
+	$(BIN)/python $(INSTALL) --require-hashes -r .venv/peers.txt
 	touch $@
+
+# constraints.txt anew, with the hashes of all wheels, and packaging/lowest.txt; UPGRADE=1 takes the newest versions.
+constraints: $(TOOLS)/ready
+	$(TOOLS)/bin/python packaging/constraints.py $(if $(UPGRADE),--upgrade)
+
+# Known vulnerabilities of what constraints.txt pins (a minute; part of a workflow that also runs every week).
+audit: $(TOOLS)/ready
+	$(TOOLS)/bin/pip-audit --requirement constraints.txt --require-hashes --disable-pip --progress-spinner off
+
+$(TOOLS)/ready: constraints.txt packaging/pins.py .ci/venv
+	.ci/venv $(TOOLS)
+	$(TOOLS)/bin/python packaging/pins.py pins >$(TOOLS)/pins.txt
+	$(TOOLS)/bin/python $(INSTALL) --require-hashes -r $(TOOLS)/pins.txt
+	touch $@
+
+# The quick tests with the lowest versions that pyproject.toml allows, on Python 3.11, in an environment of its own.
+lowest:
+	.ci/venv $(LOWEST)
+	$(LOWEST)/bin/python $(INSTALL) --require-hashes -r packaging/lowest.txt
+	$(LOWEST)/bin/python $(INSTALL) $(OWN)
+	.ci/llvm $(LOWEST)/bin/python
+	$(LOWEST)/bin/pytest -n 2 --dist worksteal -m "not slow"
 
 # Real photographs: every one predicted from the eleven others (minutes; needs the uw_psm set beside the checkout).
 real: $(READY)
