@@ -5,6 +5,7 @@ and the recipes of conda and Docker ask for what the package asks for.
 import json
 import os
 import re
+import runpy
 import shutil
 import subprocess
 import sys
@@ -16,9 +17,13 @@ import zipfile
 from email.parser import Parser
 from importlib.metadata import distribution
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
+from cyclonedx.schema import SchemaVersion
+from cyclonedx.validation.json import JsonStrictValidator
+from packageurl import PackageURL
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
@@ -30,6 +35,7 @@ WHEEL = PROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]["packages"]
 REQUIRED = {canonicalize_name(r.name): r for r in map(Requirement, PROJECT["project"]["dependencies"])}
 # names of conda-forge that are others than those of the package index
 CONDA_NAMES = {"py-opencv": "opencv-python-headless", "openexr-python": "openexr", "matplotlib-base": "matplotlib"}
+PINS = runpy.run_path(str(ROOT / "packaging" / "pins.py"))
 BUILD = "import sys, hatchling.build as b; print(b.build_wheel(sys.argv[1])); print(b.build_sdist(sys.argv[1]))"
 
 
@@ -84,6 +90,55 @@ def test_metadata_of_the_wheel_is_that_of_the_project(dist):
     entries = files[f"{home}/entry_points.txt"].decode("utf-8")
     assert "hagoromo = hagoromo_start:main" in entries and "figure = hagoromo_figures.recipe:KIND" in entries
     assert f"{home}/licenses/LICENSE" in files
+
+
+def parts_of(wheel: Path) -> dict[str, Any]:
+    """The list of parts (SBOM) in a wheel."""
+    return json.loads(files_of(wheel)[f"hagoromo-{hg.__version__}.dist-info/sboms/hagoromo.cdx.json"])
+
+
+def installed(wanted: Requirement) -> dict[str, str]:
+    """Versions of what a requirement brings on this machine, by the metadata of the packages that are installed."""
+    found, left = {}, [(wanted.name, extra) for extra in ("", *wanted.extras)]
+    for name, extra in left:
+        package = distribution(name)
+        found[canonicalize_name(name)] = package.version
+        for needs in map(Requirement, package.requires or []):
+            if needs.marker is None or needs.marker.evaluate({"extra": extra}):
+                left += [each for each in ((needs.name, e) for e in ("", *needs.extras)) if each not in left]
+    return found
+
+
+def test_the_list_of_parts_in_the_wheel_is_valid(dist):
+    """By the library of CycloneDX: its schema, strictly, and the identity of each package; every part has its place."""
+    parts = parts_of(dist[0])
+    assert JsonStrictValidator(SchemaVersion.V1_6).validate_str(json.dumps(parts)) is None
+    own = parts["metadata"]["component"]
+    for part in (own, *parts["components"]):
+        name = PackageURL.from_string(part["purl"])
+        assert (name.type, name.name, name.version) == ("pypi", canonicalize_name(part["name"]), part["version"])
+    assert own["version"] == hg.__version__ and own["licenses"] == [{"license": {"id": "Apache-2.0"}}]
+    refs = {own["bom-ref"], *(part["bom-ref"] for part in parts["components"])}
+    edges = {edge["ref"]: edge["dependsOn"] for edge in parts["dependencies"]}
+    assert edges.keys() == refs and len(refs) == len(parts["components"]) + 1
+    reached = {own["bom-ref"]}
+    for _ in refs:
+        reached |= {child for ref in reached for child in edges[ref]}
+    assert reached == refs
+
+
+def test_the_list_of_parts_names_what_is_installed(dist):
+    """What the package and `dev` bring here by the metadata of their packages, at these versions, with its scope."""
+    parts = {part["name"]: part for part in parts_of(dist[0])["components"]}
+    required = installed(Requirement("hagoromo"))
+    developers = installed(Requirement("hagoromo[dev]"))
+    del required["hagoromo"], developers["hagoromo"]
+    assert developers.items() <= {name: part["version"] for name, part in parts.items()}.items()
+    assert {name for name in developers if parts[name]["scope"] == "required"} == required.keys()
+    elsewhere = {name for name, pin in PINS["pins_of"](text("constraints.txt")).items() if pin.marker}
+    assert {name for name, part in parts.items() if part["scope"] == "required"} - elsewhere <= required.keys()
+    extras = {name: {p["value"] for p in part.get("properties", [])} for name, part in parts.items()}
+    assert extras["viser"] == {"view", "dev"} and extras["vtk"] == {"vtk", "bench"} and extras["numpy"] == set()
 
 
 def test_the_sdist_builds_the_same_wheel(dist, tmp_path):
@@ -153,7 +208,7 @@ def test_containers_and_environments_install_the_same_llvm_and_a_python_that_is_
     assert chosen is not None and chosen[1] in pythons and f"python {chosen[1]}.*" in environment
     assert re.findall(r"^USER (\w+)$", dockerfile, re.MULTILINE) == ["hagoromo"]  # not root
     kept = {line[1:] for line in text("packaging/Dockerfile.dockerignore").splitlines() if line.startswith("!")}
-    files = {"LICENSE", "README.md", "constraints.txt", "pyproject.toml", "packaging/pins.py"}
+    files = {"LICENSE", "README.md", "constraints.txt", "pyproject.toml", "packaging/pins.py", "packaging/sbom.py"}
     assert kept == {*WHEEL, "examples/recipes", *files}
 
 
