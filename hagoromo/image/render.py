@@ -29,10 +29,11 @@ from hagoromo.light.lamp import by_place
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.progress import Progress, part_of, silent
 from hagoromo.reflectance.reflectance import Reflectance
+from hagoromo.transport.differentiable_medium import differentiable_attenuation
 from hagoromo.transport.film import R3, Film
 from hagoromo.transport.film import tile_order as tile_order
 from hagoromo.transport.gamma_rows import GammaRows
-from hagoromo.transport.lighting import Attenuation, Lighting
+from hagoromo.transport.lighting import Attenuation, AttenuationOfAll, Lighting, ShadowRay
 from hagoromo.transport.march import march
 from hagoromo.transport.materials import Materials
 from hagoromo.transport.medium import Medium
@@ -238,6 +239,7 @@ class PreparedScene:
     cache: what an earlier scene left on the device; values that did not change are used again.
     stride: camera pixels along a side of one of the picture; a coarse one needs no more texels of shadow maps.
     together: see `Lighting`; where there are shadow maps, lamps at one place always are.
+    medium: class of the medium.
     """
 
     def __init__(
@@ -247,6 +249,7 @@ class PreparedScene:
         cache: SceneCache | None = None,
         stride: int = 1,
         together: bool = True,
+        medium: type[Medium] = Medium,
     ) -> None:
         cache, world, self.origin = cache or SceneCache(), scene, scene_origin(scene)
         scene = scene_from(world, self.origin)
@@ -260,22 +263,26 @@ class PreparedScene:
         reflectances, bases = reflectances_of(scene), [box.basis for box in scene.boxes]
         self.palette = palette_of_scene(scene, settings)
         self.channels = self.palette.channels
-        self.medium = _medium(scene, settings, cache)
+        self.medium = _medium(scene, settings, cache, medium)
         self.first_on_surface = dr.opaque(arrays().UInt, len(reflectances) - len(scene.surfaces))
         self.surfaces = _surfaces(world, cache, self.origin)
         sheets = any(surface.reflectance.transmits for surface in scene.surfaces)
         self.thickness = 2.0 * self.surfaces.shadow_bias if self.surfaces and sheets else None  # see `surface_element`
         self.surface_colours = surface_colours_of(scene, self.palette, cache)
         boxes_shade: Attenuation | None = None
-        if self.medium and (
+        attenuation: Attenuation | AttenuationOfAll | None = None
+        if medium.differentiable and settings.shadows != "none":
+            attenuation = _attenuation_of_all(self.medium, self.surfaces)
+        elif self.medium and (
             settings.shadows == "march" or (settings.shadows == "map" and too_wide_for_maps(self.medium))
         ):
             boxes_shade = brute_attenuation(self.medium)
         elif self.medium and settings.shadows == "map":
             boxes_shade = _maps(scene, settings, self.medium, cache, texels)
-        attenuation = _attenuation(boxes_shade, self.surfaces) if settings.shadows != "none" else None
+        if settings.shadows != "none":
+            attenuation = attenuation or _attenuation(boxes_shade, self.surfaces)
         materials = Materials(reflectances, self.palette)
-        self.lighting = Lighting(scene.lamps, materials, attenuation, bases, together)
+        self.lighting = Lighting(scene.lamps, materials, attenuation, bases, together, medium.differentiable)
 
     def camera_radiance(self, origin: Array3f, direction: Array3f, phase: Float) -> tuple[list[Float], Float]:
         """`radiance` along rays of the camera, which begin `ahead` of it."""
@@ -351,12 +358,12 @@ def _matter(box: VolumeBox) -> tuple:
     return box.bricks, box.voxel_size, box.tau, elements, box.shadow_bias, box.extinction
 
 
-def _medium(scene: Scene, settings: Settings, cache: SceneCache) -> Medium | None:
+def _medium(scene: Scene, settings: Settings, cache: SceneCache, kind: type[Medium]) -> Medium | None:
     """The scene's boxes on the device; None without boxes."""
     if not scene.boxes:
         return None
     boxes, _ = shadow_casters(scene, settings)
-    return cache.get("medium", boxes, lambda: Medium(scene.boxes, settings.tolerance))
+    return cache.get("medium", (kind, *boxes), lambda: kind(scene.boxes, settings.tolerance))
 
 
 def _surfaces(scene: Scene, cache: SceneCache, origin: Origin) -> Surfaces | None:
@@ -425,6 +432,19 @@ def _attenuation(boxes_shade: Attenuation | None, surfaces: Surfaces | None) -> 
         return dr.select(surfaces.visible(point, to_lamp, distance), passed, 0.0) if surfaces else passed
 
     return share
+
+
+def _attenuation_of_all(medium: Medium | None, surfaces: Surfaces | None) -> AttenuationOfAll:
+    """The same with derivatives."""
+    boxes_shade = differentiable_attenuation(medium) if medium else None
+
+    def shares(rays: list[ShadowRay]) -> list[Float]:
+        passed = boxes_shade(rays) if boxes_shade else [arrays().Float(1)] * len(rays)
+        if not surfaces:
+            return passed
+        return [dr.select(surfaces.visible(*ray), each, 0.0) for ray, each in zip(rays, passed, strict=True)]
+
+    return shares
 
 
 def _maps(scene: Scene, settings: Settings, medium: Medium, cache: SceneCache, texels: int | None) -> Any:

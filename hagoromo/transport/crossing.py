@@ -86,7 +86,7 @@ class Crossing:
 
     def __init__(self, frames: Frames, rays: tuple[Array3f, Array3f, Float, Float], phase: Float, cone: Cone) -> None:
         """`rays`: origin, direction (Array3f), near and far [m]; `phase`, `cone`: see `Medium.cross`."""
-        self.frames, self.phase, self.cone = frames, phase, cone
+        self.frames, self.phase, self.cone, self.branches = frames, phase, cone, True
         self.origin, self.direction, self.near, self.far = rays
         self.exchanged = frames.count > frames.slots
         self.rays = [] if self.exchanged else [self.ray(arrays().UInt(k)) for k in range(frames.count)]
@@ -179,7 +179,7 @@ class Crossing:
             slot, free = dr.select(also, k, slot), free | also
 
         def entered(state: MarchState, slot: UInt) -> MarchState:
-            box, when = next_box(self, state.entered, state.box)
+            box, when = next_box(self if self.branches else self.fixed(), dr.detach(state.entered), state.box)
             exists = box < self.frames.boxes
             ray = self.ray(dr.select(exists, box, 0))
             ray.far = dr.select(exists, ray.far, 0.0)
@@ -192,7 +192,14 @@ class Crossing:
             return MarchState(begins, ends, rays, when, box)
 
         open_ = free & (state.box < self.frames.boxes)
+        if not self.branches:  # see `DifferentiableMedium`
+            return selected(open_, entered(state, slot), state)
         return dr.if_stmt((state, slot), open_, entered, lambda state, slot: state)
+
+    def fixed(self) -> Crossing:
+        """The same rays without derivatives."""
+        rays = dr.detach(self.origin), dr.detach(self.direction), dr.detach(self.near), dr.detach(self.far)
+        return Crossing(self.frames, rays, self.phase, self.cone)
 
     def ray(self, box: UInt) -> Ray:
         """The ray on the lattice of box number `box` (UInt); without length where it misses the box."""

@@ -25,6 +25,8 @@ MOST_LAMPS = 512  # of one kernel, each a part of it; pictures are made of batch
 # (lamp number, point, to_lamp, distance to the lamp [m], extinction at the point [1/m], place in a texel)
 # → transmittance 0…1
 Attenuation = Callable[[int, Array3f, Array3f, Float, Float, TexelHit | None], Float]
+ShadowRay = tuple[Array3f, Array3f, Float]  # origin, to_lamp, distance to the lamp [m]
+AttenuationOfAll = Callable[[list[ShadowRay]], list[Float]]  # transmittance 0…1 of each; see `DifferentiableMedium`
 
 
 class LampRow(NamedTuple):
@@ -82,12 +84,14 @@ class Lighting:
         self,
         lamps: Sequence[Lamp],
         materials: Materials,
-        attenuation: Attenuation | None = None,
+        attenuation: Attenuation | AttenuationOfAll | None = None,
         bases: Sequence[Sequence[Spectrum]] = (),
         together: bool = False,
+        all_at_once: bool = False,
     ) -> None:
         """`bases`: per volume box, the spectra of its per-voxel body colours (empty where it has none). together:
-        whether lamps at one place are one of `self.lamps`; `attenuation` counts these.
+        whether lamps at one place are one of `self.lamps`; `attenuation` counts these. all_at_once: whether it is an
+        `AttenuationOfAll`.
 
         `InputError` for more than MOST_LAMPS lamps, or one with an intensity per channel.
         """
@@ -96,7 +100,9 @@ class Lighting:
                 f"{len(lamps)} lamps: light along single rays is computed under {MOST_LAMPS} at most, as kernels grow "
                 f"with them; give fewer, or add what parts of them give"
             )
-        jit, self.materials, self.attenuation = arrays(), materials, attenuation
+        jit, self.materials = arrays(), materials
+        self.attenuation: Any = attenuation
+        self.all_at_once = all_at_once
         self.field: HigherOrders | None = None
         self.surface_light: HigherOrdersOnSurfaces | None = None
         bodies = materials.palette.bodies
@@ -162,6 +168,7 @@ class Lighting:
         light: list[Any] = []
         eye = texel_hit.frame.inwards(to_eye) if texel_hit else None
         passed: list[Any] = []
+        ahead = self._transmittances(point, elements[0]) if self.all_at_once and self.attenuation else []
         for number, lamp in enumerate(self.lamps):
             to_lamp, distance, irradiance = self.arriving(number, point)
             ways = (eye, texel_hit.frame.inwards(to_lamp)) if texel_hit else ()
@@ -181,8 +188,10 @@ class Lighting:
                 lit &= irradiance > 0.0
             passed.append(arrays().Float(1))
             if self.attenuation is not None:
-                transmittance = self.transmittance(
-                    number, lit, elements[0], point, to_lamp, distance, extinction, texel_hit
+                transmittance = (
+                    ahead[number]
+                    if ahead
+                    else self.transmittance(number, lit, elements[0], point, to_lamp, distance, extinction, texel_hit)
                 )
                 passed[-1], irradiance = dr.select(lit, transmittance, 1.0), irradiance * transmittance
             for j in range(len(palette.colours)):
@@ -226,6 +235,23 @@ class Lighting:
         origin, rest = element.far_shadow_origin(point, to_lamp, distance)
         second = self._looked_up(lamp, biased, origin, to_lamp, rest, arrays().Float(0), texel_hit)
         return dr.select(biased, dr.fmin(first, second), first)
+
+    def _transmittances(self, point: Array3f, element: Element) -> list[Float]:
+        """`transmittance` from every lamp, all at once."""
+        rays: list[ShadowRay] = []
+        for number in range(len(self.lamps)):
+            to_lamp, distance, _ = self.arriving(number, point)
+            distance = arrays().Float(distance)
+            rays.append((element.shadow_origin(point, to_lamp), to_lamp, distance))
+            if element.shadow_bias is not None:
+                origin, rest = element.far_shadow_origin(point, to_lamp, distance)
+                rays.append((origin, to_lamp, rest))
+        passed = self.attenuation(rays)
+        if element.shadow_bias is None:
+            return passed
+        biased = element.shadow_bias > 0.0
+        pairs = zip(passed[::2], passed[1::2], strict=True)
+        return [dr.select(biased, dr.fmin(first, second), first) for first, second in pairs]
 
     def _looked_up(
         self,

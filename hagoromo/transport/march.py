@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import drjit as dr
 
 from hagoromo.backend import Array3f, Bool, Float, UInt, arrays, clip
-from hagoromo.transport.crossing import Cone, Crossing, Step
+from hagoromo.transport.crossing import Cone, Crossing, Step, selected
 from hagoromo.transport.intervals import boxes_at, depth_at, in_slot, nothing_open, opened, put
 from hagoromo.transport.lighting import Lighting
 from hagoromo.transport.medium import Limit, Medium, share_at_depth
@@ -140,8 +140,7 @@ def march(
     intervals = [nothing_open(count) for _ in state.ends]
     samples = [no_sample(count, lighting) for _ in state.ends]
     depth = dr.zeros(jit.Float, count)
-    cut = END_TRANSMITTANCE * medium.tolerance
-    deepest = -dr.log(cut)
+    deepest = last_depth(medium)
     while crossing.unfinished(state) & (depth < deepest):
         step = medium.next(crossing, state)
         interval = in_slot(intervals, step.slot)
@@ -161,9 +160,10 @@ def march(
             )
             log_lamps = logarithms(lamps)
             rates = sample.rates_to(step.ray.box, log_lamps, dr.fma(share, total, interval.before))
-            channels = accumulated(lighting, channels, sample.gains(rates), sample.light)
-            channels = with_smooth(lighting, channels, sample.smooth_gain(), sample.smooth)
             new = Sample(step.ray.box, interval.depth, total, interval.before, share, log_lamps, rates, light, smooth)
+            complete, new, rates = in_order(medium, sample, new, rates)
+            channels = accumulated(lighting, channels, complete.gains(rates), complete.light)
+            channels = with_smooth(lighting, channels, complete.smooth_gain(), complete.smooth)
             samples = put(samples, step.slot, new)
         parts = limit(crossing, step, in_slot(samples, step.slot), boxes_at(crossing, state, step))
         step = medium.extinction(step, direction, parts)
@@ -172,6 +172,25 @@ def march(
         state = crossing.enter_next_box(state)
     ended = depth >= deepest
     return finished(lighting, channels, samples, depth, ended), dr.select(ended, 0.0, dr.exp(-depth))
+
+
+def last_depth(medium: Medium) -> Float:
+    """Optical depth at which rays end."""
+    cut = END_TRANSMITTANCE * medium.tolerance
+    return arrays().Float(OPAQUE_OPTICAL_DEPTH) if medium.differentiable else -dr.log(cut)
+
+
+def in_order(medium: Medium, last: Sample, new: Sample, rates: list[Float]) -> tuple[Sample, Sample, list[Float]]:
+    """The sample whose light is complete, the one that waits for the next sample, and the rates behind the former.
+
+    A new sample in a cell without matter, which only a medium for derivatives has, tells nothing of the light around it
+    and is complete at once.
+    """
+    if not medium.differentiable:
+        return last, new, rates
+    empty = medium.without_matter(new.depth)
+    rates = [dr.select(empty, UNKNOWN_RATE, rate) for rate in rates]
+    return selected(empty, new, last), selected(empty, last, new), rates
 
 
 def limit(crossing: Crossing, step: Step, sample: Sample, boxes: Float) -> Limit:

@@ -41,7 +41,6 @@ from hagoromo.volume.voxels import (
     BRICK,
     CORNERS,
     PackedVoxels,
-    PlainVoxels,
     Voxels,
     corner,
     packets_around,
@@ -61,6 +60,8 @@ NO_GRID = -(2**31)  # stands for the shift of a box without such a grid
 
 class Medium:
     """The boxes of a scene on the device; `tolerance` sets the steps of the march."""
+
+    differentiable = False  # see `DifferentiableMedium`
 
     def __init__(self, boxes: Sequence[VolumeBox], tolerance: float = DEFAULT_TOLERANCE) -> None:
         jit, self.boxes = arrays(), tuple(boxes)
@@ -137,10 +138,18 @@ class Medium:
         the length of the step where the elements turn along it. In a texel it is that of the middle of the step.
         limit: number of parts that the step is cut into, of which the first is taken; None for the whole step.
         """
-        return dr.if_stmt(
+        return self.branch(
             (step, direction), step.brick >= 0,
             lambda step, direction: self._in_stored_brick(step, direction, limit), lambda step, direction: step,
         )  # fmt: skip
+
+    def branch(self, arguments: tuple, condition: Bool, yes: Callable, no: Callable) -> Any:
+        """What `yes` gives of the arguments where the condition holds, elsewhere `no`."""
+        return dr.if_stmt(arguments, condition, yes, no)
+
+    def without_matter(self, depth: Float) -> Bool:
+        """Whether an interval of this optical depth, with a sample, has no matter: see `DifferentiableMedium`."""
+        return arrays().Bool(False)
 
     def _in_stored_brick(self, step: Step, direction: Array3f, limit: Limit | None) -> Step:
         textures = self.textures
@@ -158,7 +167,7 @@ class Medium:
         """
         flakes = self.flakes
         assert flakes is not None
-        if isinstance(self.voxels, PlainVoxels):  # a derivative by densities needs the area where there is none, too
+        if self.differentiable:  # a derivative by densities needs the area where there is none, too
             return self.projected_areas(step, direction, distances)
         return dr.if_stmt(
             (step, direction, distances), flakes.in_box(step.ray.box) & within,
@@ -202,9 +211,8 @@ class Medium:
                 areas = self._areas(step, direction, places, low + high > 0.0)
                 low, high = low * areas[0], high * areas[1]
             total = low + high
-            step.depth = total * half
-            step.growth = clip((high - low) / (GAUSS_NODE * dr.fmax(total, 1e-30)), -1.0, 1.0)
-            return step
+            growth = clip((high - low) / (GAUSS_NODE * dr.fmax(total, 1e-30)), -1.0, 1.0)
+            return replace(step, depth=total * half, growth=growth)
 
         step = integrated(step)
         if limit is None:
@@ -214,10 +222,10 @@ class Medium:
         def cut(step: Step, parts: Float) -> Step:
             share = share_at_depth(dr.rcp(parts), dr.detach(step.growth))
             end = dr.fma(step.end - step.begin, share, step.begin)
-            step.end = dr.fmin(dr.fmax(end, step.begin + ray.probe), step.end)  # a nudge at least: rays go on
-            return integrated(step)
+            end = dr.fmin(dr.fmax(end, step.begin + ray.probe), step.end)  # a nudge at least: rays go on
+            return integrated(replace(step, end=end))
 
-        return dr.if_stmt((step, parts), parts > 1.0, cut, lambda step, parts: step)
+        return self.branch((step, parts), parts > 1.0, cut, lambda step, parts: step)
 
     def _in_texel(self, step: Step, direction: Array3f, limit: Limit | None) -> Step:
         """Extinction of a step in a texel, that of its middle; the end behind matter-free space around it."""

@@ -24,6 +24,7 @@ STORED = BRICK + 1  # voxels a side as stored
 VOXELS = STORED**3
 PAIRS = STORED * STORED * BRICK
 SMALLEST_DENSITY = 2.0**-14  # less counts as 0: smaller halves would need denormal singles, which kernels flush
+NO_MATTER = 1e-10  # added to plain densities, so that the light of matter has derivatives where there is none yet
 HALF_EXPONENT = 2.0**112  # between the exponents of half and single precision: the same bits mean so much less
 X_BITS, Y_BITS, Z_BITS = 11, 11, 10  # of an axis: x lowest
 X_FULL, Y_FULL, Z_FULL = (float(2 ** (bits - 1) - 1) for bits in (X_BITS, Y_BITS, Z_BITS))
@@ -96,7 +97,7 @@ class PackedVoxels:
 
 @dataclass
 class PlainVoxels:
-    """values: Float (bricks · 729 · 4), density and axis."""
+    """values: Float (bricks · 729 · 4), density and axis. Derivatives are there of a density of 0, too."""
 
     values: Float
 
@@ -106,7 +107,7 @@ class PlainVoxels:
 
     def densities_around(self, brick: UInt, place: Array3f) -> list[Float]:
         """Densities of the eight voxels around a place, in the order of CORNERS."""
-        return [packet[0] for packet in packets_around(self.values, brick, place)]
+        return [packet[0] + NO_MATTER for packet in packets_around(self.values, brick, place)]
 
     def axis(
         self, brick: UInt, place: Array3f, tangent: Bool | None = None, among: Sequence[Bool] | None = None

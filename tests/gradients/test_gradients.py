@@ -7,6 +7,7 @@ import pytest
 import hagoromo as hg
 from hagoromo.backend import arrays, lookup
 from hagoromo.reflectance.element import ELEMENTS, element_weights
+from tests.laws.test_texel import quick_sheet
 
 FIGURES = (0.23, 0.41, 0.27, 1.45)  # alpha, beta, gamma, n
 
@@ -96,8 +97,8 @@ def test_gradient_of_the_march_by_density(ball):
         ends.append(both(ball(ORIGINS, FORWARD)))
     for derivative, high, low in zip(derivatives, *ends, strict=True):
         difference = (high - low) / (2 * h)
-        # single precision: 1e-7 / h on values near 1
-        assert np.abs(derivative - difference).max() < 2e-3 * np.abs(difference).max() > 0
+        # the derivative holds where a cell is cut into steps, which moves in the differences: errors of the march
+        assert np.abs(derivative - difference).max() < 1e-2 * np.abs(difference).max() > 0
 
 
 def test_gradient_of_the_march_by_colour(ball):
@@ -183,13 +184,24 @@ def test_rays_of_arrays_and_of_dr_jit_give_the_same_light(ball):
     np.testing.assert_array_equal(hg.march(ball, ORIGINS, FORWARD).weights, light.weights)
 
 
-def test_changes_that_do_not_fit_are_refused(ball):
+def test_a_box_without_matter_has_no_light_and_a_derivative(ball):
+    empty = hg.VolumeBox.from_arrays(
+        np.zeros((9, 9, 9)), np.zeros((9, 9, 9, 3)), 0.01, 5.0, ball.scene.boxes[0].materials
+    )
+    rays = hg.RayMarch(hg.Scene(ball.scene.camera, ball.scene.lamps, (empty,)), differentiable=True)
+    light, slope = rays.derivative(ORIGINS, FORWARD, voxels=np.zeros(dr.width(rays.voxels)))
+    assert (light.weights == 0.0).all() and (light.transmittance == 1.0).all()
+    assert (slope.weights == 0.0).all() and (slope.transmittance == 0.0).all()
+
+
+def test_changes_that_do_not_fit_are_refused(ball, few_match_points):
     with pytest.raises(hg.InputError, match="nothing changes"):
         ball.derivative(ORIGINS, FORWARD)
     with pytest.raises(hg.InputError, match="materials: the change has 2 numbers"):
         ball.derivative(ORIGINS, FORWARD, materials=[1.0, 0.0])
-    marched = hg.RayMarch(ball.scene, hg.Settings(shadows="march"), differentiable=True)
-    with pytest.raises(hg.InputError, match='shadows = "march" cannot be differentiated by the voxels'):
-        marched.derivative(ORIGINS, FORWARD, voxels=np.zeros(dr.width(marched.voxels)))
+    with pytest.raises(hg.InputError, match="a box of texels cannot be differentiated"):
+        hg.RayMarch(hg.Scene(ball.scene.camera, ball.scene.lamps, (quick_sheet(),)), differentiable=True)
+    with pytest.raises(hg.InputError, match="the voxels are packed"):
+        hg.RayMarch(ball.scene).derivative(ORIGINS, FORWARD, voxels=[1.0])
     with pytest.raises(hg.InputError, match=r"\(rays, 3\)"):
         hg.march(ball, [0.0, 0.0, 0.0], [0.0, 0.0, 1.0])
