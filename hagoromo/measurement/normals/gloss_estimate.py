@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
 from hagoromo.least_squares.fit_status import Status
+from hagoromo.least_squares.log_interval import log_interval
 from hagoromo.least_squares.loss import NORMAL_95
 from hagoromo.measurement.facets import TAIL_RANGE
 from hagoromo.measurement.gloss.gloss_map import GlossMap, with_tails
@@ -123,7 +124,7 @@ def _material(normal_map: NormalMap, residual: Array, number: int) -> MaterialEs
     value: dict[str, Any] = gloss.values() | {"alpha": alpha}
     relative = gloss.relative_errors() | {"alpha": math.hypot(varies / math.sqrt(parts), fit.model_error)}
     error: dict[str, Any] = {key: value[key] * relative[key] for key in relative}
-    interval: dict[str, Any] = {key: _log_interval(value[key], relative[key]) for key in relative}
+    interval: dict[str, Any] = {key: log_interval(value[key], relative[key]) for key in relative}
     interval["gamma"] = tuple(np.clip(interval["gamma"], *GAMMA_RANGE).tolist())
     of_colour = tuple(
         (c - NORMAL_95 * s, c + NORMAL_95 * s) for c, s in zip(colour.tolist(), scatter.tolist(), strict=True)
@@ -142,7 +143,7 @@ def _material(normal_map: NormalMap, residual: Array, number: int) -> MaterialEs
     error |= {"lobes": tuple((beta * b, gamma * g) for (beta, gamma), (b, g) in _pairs(value, lobe_errors))}
     interval |= {
         "lobes": tuple(
-            (_log_interval(beta, b), _log_interval(gamma, g)) for (beta, gamma), (b, g) in _pairs(value, lobe_errors)
+            (log_interval(beta, b), log_interval(gamma, g)) for (beta, gamma), (b, g) in _pairs(value, lobe_errors)
         )
     }
     own = fit.own_tests[number] if fit.own_tests else None
@@ -340,8 +341,3 @@ def _unsettled(fit: Fit, number: int) -> list[str]:
         if share > STILL_MOVING_SHARE:
             remarks.append(f"the normal of {100.0 * share:.2g} % of its pixels did not converge")
     return remarks
-
-
-def _log_interval(value: float, relative: float) -> tuple[float, float]:
-    """95 % interval of a number above 0 with this standard error of its logarithm."""
-    return value * math.exp(-NORMAL_95 * relative), value * math.exp(NORMAL_95 * relative)
