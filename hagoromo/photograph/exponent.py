@@ -93,9 +93,7 @@ class Exponent:
         if self.bent:
             return f"{figure}, 1 expected: the photographs look as if they were {curve}"
         other = "" if self.value > 1.0 else ", or the matter is rough and darkens late"
-        return (
-            f"{figure}, and linear values have 1: perhaps the photographs were {curve}, or the lamps are off{other}"
-        )
+        return f"{figure}, and linear values have 1: perhaps the photographs were {curve}, or the lamps are off{other}"
 
     @property
     def advice(self) -> str:
@@ -103,7 +101,9 @@ class Exponent:
         if not self.contradicted:
             return ""
         if self.bent:
-            return "normals and materials are wrong until it is right: state it (--transfer of capture), or take RAW files"
+            return (
+                "normals and materials are wrong until it is right: state it (--transfer of capture), or take RAW files"
+            )
         other = "srgb" if self.value > 1.0 else "linear"
         return (
             f"unless the files are RAW, run capture again with the other curve (--transfer {other}) and keep the one "

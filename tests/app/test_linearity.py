@@ -17,7 +17,7 @@ from hagoromo.image.relight.stage import Stage
 from hagoromo.photograph.exponent import Exponent
 
 SIDE = 31
-SAID = r"and linear values have 1: .*display-encoded \(sRGB\).*run capture again with the other curve \(--transfer srgb\)"
+SAID = r"linear values have 1: .*display-encoded \(sRGB\).*capture again with the other curve \(--transfer srgb\)"
 
 
 def ball_of_power(power: float) -> hg.Capture:
