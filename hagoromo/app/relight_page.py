@@ -34,6 +34,7 @@ def write_relight_report(path: Path, relighting: Relighting) -> None:
         name=capture.name,
         measured=len(capture.photographs),
         rim=RELIEF_RIM_PX,
+        linearity=relighting.measurement.linearity,
         found=[
             *(_found(one) for one in relighting.predictions),
             *([f"{relighting.advice}."] if relighting.advice else []),

@@ -230,13 +230,9 @@ def _assumed(measurement: Measurement) -> Measurement:
         return measurement
     found = linearity_of(capture)
     said = why_not_tested(capture) if found is None else found.sentence
-    if found is not None and found.bent:
+    if found is not None and found.contradicted:
         stated = capture.assumptions.get("transfer")
-        warnings.warn(
-            f"{said}{f' (transfer: {stated})' if stated else ''}: normals and materials are wrong until it is right: "
-            "state it (--transfer of capture), or take RAW files",
-            stacklevel=3,
-        )
+        warnings.warn(f"{said}{f' (transfer: {stated})' if stated else ''}: {found.advice}", stacklevel=3)
     taken = {**capture.assumptions, "linearity": said}
     solved = measurement.normal_map
     departure = None if solved is None else lamp_departure(solved, [one.lamps[0] for one in capture.photographs])

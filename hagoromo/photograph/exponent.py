@@ -9,10 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+
+from hagoromo.least_squares.log_interval import log_interval
 
 Array = NDArray[np.float64]
 
@@ -27,10 +29,12 @@ RELATIVE, FLOOR = 0.03, 0.01  # errors of the model: of the value, and of the pi
 OUTLIER = 2.5  # [such errors] residuals beyond count linearly (Huber), as highlights and cast shadows do
 ROUNDS = 3  # reweightings
 PIXEL_GROUPS, LAMP_GROUPS = 8, 6  # that are left out, one after the other, for the error of the exponent (jackknife)
+LEAST_ERROR = 0.01  # of ln p: matte balls in 8 bits under exact lamps come out 0.98 to 1.02
 SIGNIFICANT = 2.0  # standard errors from 1
 # Limits of the exponent of linear values. Below: rough and porous matter, which darkens late, has 0.87 to 1. Above:
 # half of the way to 2.2. With lamps that are 1° to 8° off, twelve real sets have 0.92 to 1.31.
 LOWEST, HIGHEST = 0.8, 2.2**0.5
+Finding = Literal["linear", "uncertain", "doubtful", "bent"]
 
 
 @dataclass(frozen=True)
@@ -41,16 +45,33 @@ class Exponent:
     standard_error: float
 
     @property
-    def bent(self) -> bool:
-        """Whether the values are not linear in light: beyond what noise and the surfaces of matter explain."""
-        beyond = not LOWEST <= self.value <= HIGHEST
-        return bool(beyond and abs(np.log(self.value)) > SIGNIFICANT * self.standard_error)
-
-    @property
     def interval(self) -> tuple[float, float]:
         """95 % interval of the exponent."""
-        low, high = (self.value * float(np.exp(k * SIGNIFICANT * self.standard_error)) for k in (-1.0, 1.0))
-        return low, high
+        return log_interval(self.value, self.standard_error, SIGNIFICANT)
+
+    @property
+    def finding(self) -> Finding:
+        """What the shading says about the transfer.
+
+        bent: the values are not linear in light, beyond what noise and the surfaces of matter explain. doubtful: the
+        interval leaves 1 out, and a wrong transfer, wrong lamps or rough matter may be why. uncertain: the interval has
+        1 and values that are not linear in light. linear: the interval has 1 and no such value.
+        """
+        low, high = self.interval
+        outside = not low <= 1.0 <= high
+        if outside:
+            return "doubtful" if LOWEST <= self.value <= HIGHEST else "bent"
+        return "linear" if LOWEST <= low and high <= HIGHEST else "uncertain"
+
+    @property
+    def bent(self) -> bool:
+        """Whether the values are not linear in light: beyond what noise and the surfaces of matter explain."""
+        return self.finding == "bent"
+
+    @property
+    def contradicted(self) -> bool:
+        """Whether the interval leaves 1 out, so that people must hear of it."""
+        return self.finding in ("bent", "doubtful")
 
     @property
     def uncertain(self) -> bool:
@@ -63,17 +84,43 @@ class Exponent:
         """What the shading says about the transfer, in words."""
         low, high = self.interval
         figure = f"exponent {self.value:.2f}, {low:.2f} to {high:.2f} by the shading of the object"
-        if not self.bent:
-            finding = "too uncertain to tell linear values from others" if self.uncertain else "linear in light"
-            return f"{figure}: {finding}"
+        if not self.contradicted:
+            uncertain = "too uncertain to tell linear values from others"
+            return f"{figure}: {'linear in light' if self.finding == 'linear' else uncertain}"
         curve = "display-encoded (sRGB) and were taken for linear" if self.value > 1.0 else (
             "linear and were decoded as sRGB, or decoded twice"
         )  # fmt: skip
-        return f"{figure}, 1 expected: the photographs look as if they were {curve}"
+        if self.bent:
+            return f"{figure}, 1 expected: the photographs look as if they were {curve}"
+        other = "" if self.value > 1.0 else ", or the matter is rough and darkens late"
+        return f"{figure}, and linear values have 1: perhaps the photographs were {curve}, or the lamps are off{other}"
+
+    @property
+    def advice(self) -> str:
+        """What to do where the interval leaves 1 out; empty elsewhere."""
+        if not self.contradicted:
+            return ""
+        if self.bent:
+            return (
+                "normals and materials are wrong until it is right: state it (--transfer of capture), or take RAW files"
+            )
+        other = "srgb" if self.value > 1.0 else "linear"
+        return (
+            f"unless the files are RAW, run capture again with the other curve (--transfer {other}) and keep the one "
+            "whose exponent is nearer to 1, or measure the curve (--transfer estimate with --bracket); if the curve is "
+            "known, check the lamps"
+        )
 
     def record(self) -> dict[str, Any]:
         """Plain values."""
-        return {"exponent": self.value, "standard_error_of_log": self.standard_error, "bent": self.bent}
+        return {
+            "exponent": self.value,
+            "standard_error_of_log": self.standard_error,
+            "interval_95": list(self.interval),
+            "finding": self.finding,
+            "advice": self.advice,
+            "bent": self.bent,
+        }
 
 
 def exponent_of(values: Array, to_lamp: Array) -> Exponent | None:
@@ -97,7 +144,8 @@ def exponent_of(values: Array, to_lamp: Array) -> Exponent | None:
         kept = usable & (np.arange(len(values)) % LAMP_GROUPS != k)[:, None]
         still = kept.sum(axis=0) >= FEWEST_AT_A_PIXEL - 1
         by_lamps.append(_least(_profile(scaled[:, still], kept[:, still], to_lamp[:, still]).sum(axis=1)))
-    return Exponent(float(np.exp(_least(total))), float(np.hypot(_jackknife(by_pixels), _jackknife(by_lamps))))
+    parts = _jackknife(by_pixels), _jackknife(by_lamps), LEAST_ERROR
+    return Exponent(float(np.exp(_least(total))), float(np.linalg.norm(parts)))
 
 
 def _chosen(values: Array, to_lamp: Array) -> tuple[Array, NDArray[np.bool_], Array]:

@@ -19,7 +19,7 @@ from msgspec import Meta, to_builtins
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
-from hagoromo.files.record import ForeignRecord, Pair, Record, Vector, WrittenBy, about, decode, read_json, save_json
+from hagoromo.files.record import ForeignRecord, Record, Vector, WrittenBy, about, decode, read_json, save_json
 from hagoromo.files.record import written_by as written
 from hagoromo.light.lamp import Lamp
 from hagoromo.photograph.capture import Capture
@@ -31,6 +31,7 @@ SAME_PLACE = 0.05  # between readings of one near lamp, over its distance from t
 SAME_SHAPE = 0.01  # relative, of pictures of one view
 MOST_LAMPS = 100_000
 Strength = Annotated[float, Meta(gt=0, le=1e6)]
+Slope = Annotated[float, Meta(ge=-20, le=20)]  # its exponential times a value is a number in pictures of usual shapes
 
 
 class RigLampRecord(Record, frozen=True, kw_only=True):
@@ -42,7 +43,9 @@ class RigLampRecord(Record, frozen=True, kw_only=True):
     strength: Annotated[
         tuple[Strength, ...], Meta(min_length=1, max_length=1000), about("in the middle of the picture, per channel")
     ]
-    slope: Annotated[Pair, about("change of ln irradiance by x and y, over half of the picture's width")] = (0.0, 0.0)
+    slope: Annotated[
+        tuple[Slope, Slope], about("change of ln irradiance by x and y, over half of the picture's width")
+    ] = (0.0, 0.0)
     turn: Annotated[Vector, about("to be added to the direction of a far lamp [rad]")] = (0.0, 0.0, 0.0)
     covariance: Annotated[
         tuple[Vector, Vector, Vector], about("of the errors of ln strength and of the slope by x and y")

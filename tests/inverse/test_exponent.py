@@ -1,5 +1,6 @@
 """Whether values are linear in light, by the shading of the object, with both errors of transfer."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -66,6 +67,33 @@ def test_what_cannot_tell_says_nothing():
         (hg.Capture((replace(shot, lamps=(near, near)),) * 8), "photographs under several lamps"),
     ]:
         assert linearity_of(capture) is None and why_not_tested(capture).startswith("not tested: " + said)
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "finding", "said"),
+    [
+        (1.01, 0.01, "linear", "linear in light"),
+        (1.7, 0.4, "uncertain", "too uncertain"),
+        (1.32, 0.0435, "doubtful", "1.21 to 1.44 .* linear values have 1: "),
+        (0.88, 0.02, "doubtful", "rough and darkens late"),
+        (2.2, 0.05, "bent", "display-encoded"),
+        (1.8, 1e6, "uncertain", "too uncertain"),
+    ],
+)
+def test_whatever_leaves_one_out_is_said_with_what_to_do(value, error, finding, said):
+    found = Exponent(value, error)
+    assert found.finding == finding and re.search(said, found.sentence)
+    assert found.contradicted == (finding in ("doubtful", "bent")) == ("--transfer" in found.advice)
+    assert found.record()["interval_95"] == list(found.interval) and found.record()["finding"] == finding
+
+
+@pytest.mark.parametrize("count", [6, 20])
+@pytest.mark.parametrize("body", ["matte", "glossy"])
+def test_linear_values_under_exact_lamps_are_not_doubted(body, count):
+    """Before, 1.015 ± 0.003: the interval knew noise alone, not what 8 bits and dark pixels do to the estimate."""
+    to_lamp = lamps(count, 20.0, 75.0)
+    found = [exponent_of(sphere(to_lamp, body, seed), to_lamp) for seed in range(3)]
+    assert [one.finding for one in found if one] == ["linear"] * 3
 
 
 def test_near_lamps_are_tested_at_the_points_of_the_surface():

@@ -13,6 +13,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import expit
 
 from hagoromo.calibration.response.positive_curve import HALF_INTERVAL, PositiveCurve
 from hagoromo.calibration.response.reading_equations import Array
@@ -64,7 +65,7 @@ def black_level(curves: Sequence[PositiveCurve], means: Array) -> BlackLevel | N
         found.append((log_odds, value * units, variance**0.5 * units))
     log_odds, value, error = max(found, key=lambda one: one[0])
     both = np.logaddexp(found[0][0], found[1][0]) - np.log(2.0)
-    return BlackLevel(tuple(value.tolist()), tuple(error.tolist()), float(1.0 / (1.0 + np.exp(-both))))
+    return BlackLevel(tuple(value.tolist()), tuple(error.tolist()), float(expit(both)))
 
 
 def with_black_level(curve: PositiveCurve, black: BlackLevel, channel: int) -> PositiveCurve:

@@ -71,6 +71,9 @@ class PredictionRecord(ForeignRecord, frozen=True, kw_only=True):
     lamps: Annotated[list[str], about("description of each lamp")]
     compared: Annotated[dict[str, dict[str, Any]], about("difference of each prediction from the photograph")]
     object_pixels: Annotated[int | None, about("pixels of the object; those compared are covered by the boxes")] = None
+    linearity: Annotated[
+        dict[str, Any] | None, about("what the shading says about the transfer of what was measured; null: not tested")
+    ] = None
     hagoromo: Annotated[WrittenBy, about("what wrote the file")] = WrittenBy()
 
 

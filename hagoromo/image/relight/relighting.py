@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -94,9 +95,15 @@ class Relighting:
         for one in self.predictions:
             self.stage.write_scene(one.source, one.number, home)
             one.write_into(home)
+        write_json(home / "relit.json", self.records())
+
+    def records(self) -> list[dict[str, Any]]:
+        """The entries of relit.json: one for each photograph that was predicted."""
         held = [one.name for one in self.predictions]
         stated = written_by({**self.measurement.settings, "held_out": held}, self.measurement.seed)
-        write_json(home / "relit.json", [one.record() | {"hagoromo": stated} for one in self.predictions])
+        found = self.measurement.linearity
+        shared = {"linearity": None if found is None else found.record(), "hagoromo": stated}
+        return [one.record() | shared for one in self.predictions]
 
     def __repr__(self) -> str:
         shown = ", ".join(map(repr, self.predictions[:3]))

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from hagoromo.least_squares.loss import NORMAL_95
+from hagoromo.least_squares.log_interval import log_interval
 from hagoromo.measurement.gloss.gloss_spread import DECISIVE_LOG_ODDS, GlossSpread
 from hagoromo.measurement.material.quantity import log_albedo
 from hagoromo.measurement.parameters import pack_theta
@@ -68,8 +68,8 @@ def _with_middle(material: MaterialEstimate, spread: GlossSpread) -> MaterialEst
         interval["n"] = spread.index.interval
         error["n"] = (n - 1.0) * float(relative[2]) if n_identifiable else None
     for i, key in ((0, "beta"), (1, "gamma"), (3, "specular_albedo")):
-        ends = value[key] * np.exp(NORMAL_95 * relative[i] * np.array([-1.0, 1.0]))
-        error[key], interval[key] = value[key] * float(relative[i]), tuple(ends.tolist())
+        error[key] = value[key] * float(relative[i])
+        interval[key] = log_interval(value[key], float(relative[i]))
     if not n_identifiable:  # β holds for the chosen n only: over the interval of n it is proportional to 1/F₀
         strength = np.array([((m + 1.0) / (m - 1.0)) ** 2 for m in interval["n"]]) / spread.beta_per_strength
         interval["beta"] = (interval["beta"][0] * strength.min(), interval["beta"][1] * strength.max())

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from hagoromo.least_squares.log_interval import exp_or_infinity
 from hagoromo.least_squares.loss import NORMAL_95
 from hagoromo.measurement.facets import TAIL_RANGE
 from hagoromo.measurement.material.interval import Profile, interval, interval_of_n, interval_of_tail
@@ -32,7 +33,6 @@ from hagoromo.measurement.sight import Array
 RELATIVE_LIMIT = 0.25  # largest relative standard error of an identifiable parameter
 ADMISSIBLE_N = (N_RANGE[0] - 1.0, N_RANGE[1] - 1.0)  # of n − 1
 NEARLY_GAUSSIAN = 0.1  # 1/ν of facets that differ little from Gaussian ones
-LARGEST_LOGARITHM = 700.0  # of a bound, above which there is none
 WIDTH_95 = 2 * NORMAL_95  # width of a 95 % interval in standard errors
 
 
@@ -207,5 +207,5 @@ def _within(bounds: tuple[float, float], admissible: tuple[float, float]) -> tup
 
 
 def _exp(bounds: tuple[float, float]) -> tuple[float, float]:
-    low, high = (math.exp(bound) if bound < LARGEST_LOGARITHM else math.inf for bound in bounds)
+    low, high = (exp_or_infinity(bound) for bound in bounds)
     return low, high

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
 from hagoromo.least_squares.fit_status import Status
+from hagoromo.least_squares.log_interval import log_interval
 from hagoromo.least_squares.loss import NORMAL_95
 from hagoromo.measurement.facets import TAIL_RANGE
 from hagoromo.measurement.gloss.gloss_map import GlossMap, with_tails
@@ -22,6 +23,7 @@ from hagoromo.measurement.material.uncertainty import is_identifiable
 from hagoromo.measurement.measurement import Measurement
 from hagoromo.measurement.normals.highlight_check import highlight_check
 from hagoromo.measurement.normals.highlight_shift import highlight_shift
+from hagoromo.measurement.normals.lobe_estimate import FurtherLobes, width_interval
 from hagoromo.measurement.normals.normals import NormalMap
 from hagoromo.measurement.normals.photometric_model import Fit, predicted
 from hagoromo.measurement.normals.pixel_fit import STILL_MOVING_SHARE
@@ -36,17 +38,15 @@ from hagoromo.measurement.parameters import (
     unpack_theta,
 )
 from hagoromo.measurement.parameters import TAIL as TAIL_OF_THETA
-from hagoromo.measurement.robust_fit import GAMMA_RANGE, N_RANGE
+from hagoromo.measurement.robust_fit import N_RANGE
 from hagoromo.photograph.capture import Capture
 from hagoromo.reflectance.facets import LEAST_NU
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
-from hagoromo.reflectance.reflectance import interface_albedo
 
 RELATIVE_LIMIT = 0.25  # largest relative standard error of an identifiable parameter
 PARTS = 4.0 * math.pi  # independent parts of an object, each half its radius wide
 LARGEST_LAW_ERROR = 0.1  # standard error of ε or σ at which it is identifiable: half of its prior
 WIDENED = "errors and intervals of beta and gamma are wider by how far the highlight is from the model"
-Lobe = tuple[float, float]  # β and γ, or their errors
 NOTABLE = 2.0  # standard errors by which σ must differ from 0 to be remarked upon
 
 
@@ -123,8 +123,8 @@ def _material(normal_map: NormalMap, residual: Array, number: int) -> MaterialEs
     value: dict[str, Any] = gloss.values() | {"alpha": alpha}
     relative = gloss.relative_errors() | {"alpha": math.hypot(varies / math.sqrt(parts), fit.model_error)}
     error: dict[str, Any] = {key: value[key] * relative[key] for key in relative}
-    interval: dict[str, Any] = {key: _log_interval(value[key], relative[key]) for key in relative}
-    interval["gamma"] = tuple(np.clip(interval["gamma"], *GAMMA_RANGE).tolist())
+    interval: dict[str, Any] = {key: log_interval(value[key], relative[key]) for key in relative}
+    interval["gamma"] = width_interval(value["gamma"], relative["gamma"])
     of_colour = tuple(
         (c - NORMAL_95 * s, c + NORMAL_95 * s) for c, s in zip(colour.tolist(), scatter.tolist(), strict=True)
     )
@@ -137,14 +137,11 @@ def _material(normal_map: NormalMap, residual: Array, number: int) -> MaterialEs
     interval |= {key: (one - NORMAL_95 * spread, one + NORMAL_95 * spread) for key, (one, spread) in law.items()}
     identifiable |= {key: spread <= LARGEST_LAW_ERROR for key, (_, spread) in law.items()}
     both = gloss.correlation()
-    value |= _further(fit, number, value)
-    lobe_errors = _lobe_errors(fit, number, shift)
-    error |= {"lobes": tuple((beta * b, gamma * g) for (beta, gamma), (b, g) in _pairs(value, lobe_errors))}
-    interval |= {
-        "lobes": tuple(
-            (_log_interval(beta, b), _log_interval(gamma, g)) for (beta, gamma), (b, g) in _pairs(value, lobe_errors)
-        )
-    }
+    further = FurtherLobes.of(fit, number, shift)
+    if further.lobes:
+        value |= {"lobes": further.lobes, "specular_albedo": value["specular_albedo"] + further.albedo}
+    error |= {"lobes": further.errors()}
+    interval |= {"lobes": further.intervals()}
     own = fit.own_tests[number] if fit.own_tests else None
     return MaterialEstimate(
         name=f"material {number + 1}",
@@ -159,7 +156,7 @@ def _material(normal_map: NormalMap, residual: Array, number: int) -> MaterialEs
         chi_square=float(np.nanmean(residual[:, :, mine] ** 2)),
         remarks=(
             f"body colours are estimated per pixel: they vary by {100 * varies:.0f} % over the material",
-            *_lobe_remarks(fit, number, lobe_errors),
+            *further.remarks(),
             *([] if own is None else own.remarks()),
             *([misfit.remark(), WIDENED] if misfit is not None and misfit.rejected else []),
             *_remarks(fit, number, identifiable, interval["nu"][0]),
@@ -175,42 +172,6 @@ def _widened(fit: Fit, number: int, shift: Array) -> Fit:
     covariance = fit.covariance.copy()
     covariance[number, :2, :2] += np.outer(shift, shift)
     return replace(fit, covariance=covariance)
-
-
-def _further(fit: Fit, number: int, value: dict[str, Any]) -> dict[str, Any]:
-    """Further lobes of one material, with β of the interface colour of mean 1, and the specular albedo with them."""
-    lobes = () if fit.lobes is None else fit.lobes.each[number]
-    mean = float(fit.gloss.colour[number].mean())
-    more = tuple((beta * mean, gamma) for beta, gamma in lobes)
-    albedo = sum(beta * float(interface_albedo(gamma, N)[0]) for beta, gamma in more)
-    return {"lobes": more, "specular_albedo": value["specular_albedo"] + albedo} if more else {}
-
-
-def _lobe_errors(fit: Fit, number: int, shift: Array) -> list[tuple[float, float]]:
-    """Standard errors of ln β and ln γ of each further lobe; shift: (2,) by which the highlight is off its model."""
-    if fit.lobes is None or not fit.lobes.covariances:
-        return []
-    variance = np.diag(fit.lobes.covariances[number]).reshape(-1, 2) + shift**2
-    return [(float(beta), float(gamma)) for beta, gamma in np.sqrt(variance)]
-
-
-def _pairs(value: dict[str, Any], errors: list[tuple[float, float]]) -> list[tuple[Lobe, Lobe]]:
-    """β and γ of each further lobe in `value`, with their relative `errors`."""
-    return list(zip(value.get("lobes", ()), errors, strict=False))
-
-
-def _lobe_remarks(fit: Fit, number: int, errors: list[tuple[float, float]]) -> list[str]:
-    """One line for further lobes."""
-    if fit.lobes is None or not fit.lobes.each[number]:
-        return []
-    widths = ", ".join(
-        f"{math.degrees(gamma):.2g}° ± {math.degrees(gamma * error):.1g}°"
-        for (_, gamma), (_, error) in zip(fit.lobes.each[number], errors, strict=True)
-    )
-    return [
-        f"one lobe is not enough: further ones of half width {widths} take {100.0 * fit.lobes.gains[number]:.0f} % off "
-        "the squared error of photographs that were left out"
-    ]
 
 
 def _body_law(fit: Fit, number: int) -> dict[str, tuple[float, float]]:
@@ -340,8 +301,3 @@ def _unsettled(fit: Fit, number: int) -> list[str]:
         if share > STILL_MOVING_SHARE:
             remarks.append(f"the normal of {100.0 * share:.2g} % of its pixels did not converge")
     return remarks
-
-
-def _log_interval(value: float, relative: float) -> tuple[float, float]:
-    """95 % interval of a number above 0 with this standard error of its logarithm."""
-    return value * math.exp(-NORMAL_95 * relative), value * math.exp(NORMAL_95 * relative)

@@ -4,7 +4,7 @@ The photometric fit has one lobe, and its robust loss takes a narrow spike above
 are right, but the highlight is missing. Here the density of the facets is a sum of Gaussians of many widths, all with β
 of 0 or more (non-negative least squares), and body colours are eliminated pixel by pixel. Light in excess of the model
 counts in full, as it is what is sought; light that is missing counts little, as shadows do. A clipped value is a lower
-bound. The lobes stay where they predict photographs that were left out better.
+bound. The lobes stay where they predict photographs that were left out better, and each where there is evidence for it.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from hagoromo.measurement.normals.lobe_evidence import held
 from hagoromo.measurement.normals.lobe_samples import Samples, Trust, samples_of, trust_of
 from hagoromo.measurement.normals.lobe_shape import (
     LobeShapes,
@@ -117,6 +118,7 @@ def lobes_of(
     for _ in range(PASSES):
         if len(shapes.each) > 1:
             shapes, samples = fewest(with_errors_of_normals(samples, shapes, variance), shapes, LEAST_GAIN)
+    shapes, samples = held(samples, shapes, variance, place)
     if shapes.tail == 0.0:
         shapes = replace(shapes, each=shapes.each[np.argsort(-shapes.each[:, 1])])
     return FoundLobes(with_covariance(samples, shapes, place), bool(np.ptp(samples.colour) > 0.0), gain)

@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hagoromo.measurement.facets import TAIL_RANGE, facet_density
 from hagoromo.measurement.normals.lobe_samples import Samples
@@ -25,6 +26,7 @@ SETTLED = 1e-3  # largest step of the last round
 RIDGE = 1e-6  # relative, of the curvature
 TILES = 4.0  # in a radius of the object: parts whose errors are independent
 MOST_DAMPING = 1e6
+UNKNOWN = 1e6  # variance of ln β or ln γ that has no effect on the photographs
 LAW_SPREAD = 0.2  # of the prior of σ and ln(1 + ε)
 
 
@@ -39,6 +41,10 @@ class LobeShapes:
     tail: float
     law: Array = field(default_factory=lambda: np.zeros(2))
     covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
+
+    def without(self, number: int) -> LobeShapes:
+        """All lobes but this one."""
+        return replace(self, each=np.delete(self.each, number, axis=0))
 
     @property
     def lobes(self) -> tuple[tuple[float, float], ...]:
@@ -62,10 +68,7 @@ def fewest(samples: Samples, start: LobeShapes, least_gain: float) -> tuple[Lobe
         if _error(neutral, plain) * (1.0 - least_gain) < error:
             samples, found, error = neutral, plain, _error(neutral, plain)
     while len(found.each) > 1:
-        shorter = [
-            replace(found, each=np.delete(found.each, number, axis=0))
-            for number in range(int(found.tail > 0.0), len(found.each))
-        ]
+        shorter = [found.without(number) for number in range(int(found.tail > 0.0), len(found.each))]
         least = refined(samples, min(shorter, key=lambda one: _error(samples, one)))
         after = _simpler(found, error, least, _error(samples, least), least_gain)
         if after[0] is found:
@@ -82,14 +85,14 @@ def _simpler(
 
 def refined(samples: Samples, start: LobeShapes) -> LobeShapes:
     """The lobes of least weighted squares near `start`; a tail of 0 stays 0."""
-    found, damping, cost = start, 1e-3, _cost(samples, start)
+    found, damping, cost = start, 1e-3, cost_of(samples, start)
     for _ in range(STEPS):
         equations = _equations(samples, found)
         curvature = equations.curvature + damping * np.diag(np.diag(equations.curvature))
         score = equations.score.sum(axis=(1, 2)) - equations.pull
         step = np.clip(np.linalg.solve(curvature, score), -LONGEST_STEP, LONGEST_STEP)
         moved = _moved(found, step)
-        after = _cost(samples, moved)
+        after = cost_of(samples, moved)
         if not after < cost:
             damping *= 10.0
             if damping > MOST_DAMPING:
@@ -112,14 +115,21 @@ def _moved(found: LobeShapes, step: Array) -> LobeShapes:
 def with_covariance(samples: Samples, found: LobeShapes, place: Array) -> LobeShapes:
     """`found` with its covariance; place: (P, 2) of the samples, in radii of the object."""
     equations = _equations(samples, found)
-    tile = np.unique(np.floor(TILES * place).astype(np.int64), axis=0, return_inverse=True)[1].ravel()
+    tile = tiles_of(place)
     parts = np.stack([np.bincount(tile, one) for one in equations.score.sum(axis=1)])
     lamps = equations.score.sum(axis=2)
     inverse = np.linalg.inv(equations.curvature)
     covariance = inverse @ (parts @ parts.T + lamps @ lamps.T) @ inverse
+    without_effect = np.flatnonzero(equations.unused[:-3])
+    covariance[without_effect, without_effect] = UNKNOWN
     if found.tail == 0.0:
         covariance[-3] = covariance[:, -3] = 0.0
     return replace(found, covariance=covariance)
+
+
+def tiles_of(place: Array) -> NDArray[np.intp]:
+    """(P,) number of the part of the object that each sample lies in; place: (P, 2) in radii of the object."""
+    return np.unique(np.floor(TILES * place).astype(np.int64), axis=0, return_inverse=True)[1].ravel()
 
 
 def with_errors_of_normals(samples: Samples, found: LobeShapes, variance: Array) -> Samples:
@@ -155,12 +165,13 @@ def interface_of(samples: Samples, found: LobeShapes) -> Array:
 @dataclass(frozen=True, eq=False)
 class _Equations:
     """curvature (G, G) and score (G, K, P) of the numbers of the lobes, the tail and the law, bodies eliminated; pull
-    (G,) of the prior.
+    (G,) of the prior; unused (G,) whether a number has no effect on any value that counts.
     """
 
     curvature: Array
     score: Array
     pull: Array
+    unused: NDArray[np.bool_]
 
 
 def _interface(samples: Samples, found: LobeShapes) -> tuple[Array, list[Array]]:
@@ -196,19 +207,20 @@ def _equations(samples: Samples, found: LobeShapes) -> _Equations:
     prior = np.r_[np.zeros(count - 2), np.full(2, LAW_SPREAD**-2)]
     unused = np.diag(curvature) <= 0.0
     tiny = RIDGE * np.diag(curvature) + unused
-    return _Equations(curvature + np.diag(tiny + prior), score, prior * np.r_[np.zeros(count - 2), found.law])
+    return _Equations(curvature + np.diag(tiny + prior), score, prior * np.r_[np.zeros(count - 2), found.law], unused)
 
 
-def _cost(samples: Samples, found: LobeShapes) -> float:
+def cost_of(samples: Samples, found: LobeShapes) -> float:
     """Twice the loss: light in excess counts by its square, missing light by Cauchy's loss; and the prior."""
-    return samples.loss(_model(samples, found)) + float(np.sum((found.law / LAW_SPREAD) ** 2))
+    return samples.loss(model_of(samples, found)) + float(np.sum((found.law / LAW_SPREAD) ** 2))
 
 
 def _error(samples: Samples, found: LobeShapes) -> float:
-    return samples.squared_error(_model(samples, found))
+    return samples.squared_error(model_of(samples, found))
 
 
-def _model(samples: Samples, found: LobeShapes) -> Array:
+def model_of(samples: Samples, found: LobeShapes) -> Array:
+    """(K, C, P) values of the lobes and of the bodies that go with them."""
     samples = samples.under_law(found.law)
     interface = interface_of(samples, found)
     return samples.model(interface, samples.bodies(interface))
