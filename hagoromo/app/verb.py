@@ -16,10 +16,6 @@ from hagoromo.errors import escaped
 
 Out = Annotated[Path, arg(help="where to write the result")]
 Force = Annotated[bool, arg(help="replace an existing result")]
-Scheduler = Annotated[
-    str | None,
-    arg(help="run on Dask's workers: address of a scheduler (tcp://host:8786), local, or a number of processes here"),
-]
 
 verbs = tyro.extras.SubcommandApp()
 
