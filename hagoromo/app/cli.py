@@ -41,6 +41,7 @@ from hagoromo.app.scheduler_options import HERE, Scheduler
 from hagoromo.app.sensor_options import AS_STATED, Sensor
 from hagoromo.app.streams import give_up_streams, printable_streams
 from hagoromo.app.verb import Force, Out, say, verb, verbs, wrote
+from hagoromo.app.written import picture_or_film, with_picture
 from hagoromo.errors import InputError
 from hagoromo.files.finite import finite_json
 from hagoromo.files.memory import is_shortage, shortage
@@ -264,10 +265,10 @@ def build(recipe: Positional[Path], out: Out, scheduler: Scheduler = HERE, force
     wrote(out)
 
 
-verb(verbs)(render)
+verb(verbs, writes=picture_or_film)(render)
 
 
-@verb(verbs)
+@verb(verbs, writes=with_picture)
 def expose(
     image: Positional[Path],
     out: Out,
@@ -287,7 +288,7 @@ def expose(
         display: what the PNG is made for: sRGB (default), Display P3, or a view of ACES, such as
             "ACES 2.0 - SDR 100 nits (Rec.709)".
     """
-    replaceable_files((out, out.with_suffix(".png")), force)
+    replaceable_files(with_picture(out).files, force)
     factors = {name: _factor(value, name) for name, value in map(_named_value, strength)}
     exposed = hg.expose(image, factors, dict(map(_named_value, spectrum)))
     seen_by = None if response is None else hg.Response.load(response)

@@ -13,6 +13,7 @@ from hagoromo.app.filming import is_film, turn_of, write_film_of
 from hagoromo.app.progress_bar import progress_bar
 from hagoromo.app.scheduler_options import HERE, Scheduler
 from hagoromo.app.verb import Force, Out, wrote
+from hagoromo.app.written import with_picture
 from hagoromo.errors import InputError
 from hagoromo.files.whole import replaceable_files
 
@@ -80,7 +81,7 @@ def render(
         name_of_denoiser()
     Shown(display)  # refuses what there is not before the work
     unfinished = _unfinished(out) if resume else None
-    replaceable_files((out, out.with_suffix(".png")), force or resume)
+    replaceable_files(with_picture(out).files, force or resume)
     from hagoromo.image.scene_file import camera_and_settings
 
     camera, settings = camera_and_settings(scene)

@@ -173,6 +173,34 @@ def test_a_scheduler_that_nobody_vouches_for_is_not_even_asked(attacker, scene, 
     assert who and mark.is_dir()
 
 
+RECIPE = """
+[[step]]
+name = "a"
+verb = "{}"
+arguments = {}
+out = "a{}"
+"""
+
+
+FORMS = (
+    ["--scheduler={}"], ["--scheduler", "{}"], ["--trust-scheduler", "--scheduler={}"], ["--schedul={}"],
+    ["-scheduler", "{}"], ["--scheduler", "1"], ["--trust-scheduler"], ["--samples", "1", "--scheduler={}"],
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("verb", ["render", "build", "measure"])
+def test_no_recipe_reaches_a_scheduler(attacker, refused, tmp_path, verb):
+    """By every verb that has one: nobody is asked, no worker is started, nothing is made."""
+    port, mark, who = attacker
+    recipe = tmp_path / "batch.toml"
+    for words in FORMS if verb == "render" else FORMS[:3]:
+        given = ["a.toml", *(word.format(f"tcp://127.0.0.1:{port}") for word in words)]
+        recipe.write_text(RECIPE.format(verb, json.dumps(given), ".exr" if verb == "render" else ""))
+        said = refused("batch", recipe, "--out", tmp_path / "out")
+        assert "it has --scheduler" in said or "Unrecognized" in said
+    assert not who and not mark.exists()
+
+
 @pytest.mark.parametrize(
     "address",
     [
@@ -185,9 +213,8 @@ def test_a_scheduler_that_nobody_vouches_for_is_not_even_asked(attacker, scene, 
 )  # fmt: skip
 def test_another_form_of_address_is_one_line_and_no_password_is_in_it(scene, refused, tmp_path, address):
     words = ("render", scene(), "--out", tmp_path / "a.exr", "--scheduler", address)
-    for more in ((), ("--trust-scheduler",)):
-        said = refused(*words, *more)
-        assert "give tls://host:8786, or tcp://host:8786 with --trust-scheduler" in said and SECRET not in said
+    said = refused(*words, "--trust-scheduler")
+    assert "give tls://host:8786, or tcp://host:8786 with --trust-scheduler" in said and SECRET not in said
 
 
 @pytest.mark.parametrize("words", [["--schedulr"], ["--seed"], ["--mode"], ["--scheduler", "1", "x"], []])

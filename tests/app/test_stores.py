@@ -2,11 +2,13 @@
 
 import os
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import hagoromo as hg
+from hagoromo.app.batch.ledger import stamp
 from hagoromo.app.cli import main
 from hagoromo.files import stores
 from hagoromo.files.zarr_arrays import open_arrays
@@ -339,6 +341,27 @@ def test_an_address_with_a_password_is_refused_and_not_repeated(refused, scene, 
         said = refused(*words)
         assert "holds a password" in said and SECRET not in said
     assert stores.address("abfs://box@account/a.zarr") == "abfs://box@account/a.zarr"
+
+
+STEP = """
+[[step]]
+name = "nrrd"
+verb = "convert"
+arguments = ["{}"]
+out = "b.nrrd"
+"""
+
+
+def test_a_batch_sees_that_a_box_in_a_store_has_changed(stored, tmp_path):
+    """One that the recipe names; one that a scene names is digested alike."""
+    _, address = stored
+    (tmp_path / "batch.toml").write_text(STEP.format(address))
+    for state in ("done", "unchanged", "done"):
+        assert [one.state for one in hg.batch(tmp_path / "batch.toml", tmp_path / "out")] == [state]
+        if state == "unchanged":
+            before = stamp(Path(address))
+            stores._files("s3").pipe_file(f"{address.removeprefix('s3://')}/note.txt", b"another")
+            assert stamp(Path(address)) != before
 
 
 @pytest.mark.parametrize("path", ["/data/box.zarr", "box.zarr", "C:/box.zarr", "http://host/box.zarr", "s3", "s3:/"])
