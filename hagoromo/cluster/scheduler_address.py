@@ -70,7 +70,8 @@ def scheduler_address(text: str) -> SchedulerAddress:
     """The address that may be connected to; `InputError` for another form, and for tcp:// that nobody trusts."""
     found = ADDRESS.fullmatch(text)
     if found is None or not 0 < int(found[3]) <= LARGEST_PORT:
-        raise InputError(f"the address of the scheduler is {shown(text)!r}: give {FORMS}")
+        wrong = "holds a user or a password, which Dask does not take" if "@" in text else "is of another form"
+        raise InputError(f"the address of the scheduler, {shown(text)!r}, {wrong}: give {FORMS}")
     address = SchedulerAddress(text.rstrip("/"), found[2].strip("[]"), int(found[3]))
     if not (address.encrypted or isinstance(text, TrustedScheduler)):
         raise InputError(
