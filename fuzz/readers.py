@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fuzz import boxes, curves, gltf_scenes, meshes, mitsuba_scenes, pictures, records, usd_scenes, volumes
+from fuzz import boxes, curves, gltf_scenes, meshes, mitsuba_scenes, pictures, recipes, records, usd_scenes, volumes
 from fuzz.trees import spoilt_json
 from fuzz.verbs import SLOW, VERBS, WORDS
 
@@ -206,6 +206,7 @@ SIMPLE = (
     Reader("plan-mesh", records.mesh_recipe, _plan, "a.toml", share=0.5),
     Reader("plan-relief", records.relief_recipe, _sheet, "a.toml", share=0.3),
     Reader("batch", records.batch, _batch, "batch.toml"),
+    Reader("batch-arguments", recipes.write, recipes.read, "batch.toml", spoil=recipes.spoil),
     Reader("capture", records.capture, _late("hagoromo.photograph.capture", "load_capture")),
     Reader("capture-info", records.capture, _info, "transforms.json"),
     Reader("measurement", records.measured, _late("hagoromo.measurement.measurement", "Measurement.load")),

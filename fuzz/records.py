@@ -442,14 +442,22 @@ each = "captures/*.json"
 name = "model"
 verb = "convert"
 arguments = ["{path}"]
-options = { to = "colmap", x = [1, 2.5, "a.toml"], y = true }
+options = { to = "colmap", window = [1, 2.5] }
 out = "models/{name}"
 
 [[step]]
 name = "all"
-verb = "build"
-arguments = ["{model}", "scene.toml"]
+verb = "relight"
+arguments = ["{model}"]
+options = { hold = ["a", "b"], n = 1.5, rig = "a.toml" }
 out = "all/{name}"
+
+[[step]]
+name = "once"
+verb = "render"
+arguments = ["scene.toml", "--samples", "2"]
+options = { separate-lamps = true, tolerance = 0.1 }
+out = "once.exr"
 """
 
 

@@ -55,6 +55,11 @@ def spoilt_toml(data: bytes, random: Random) -> bytes:
     tree = changed(tree, random)
     if not isinstance(tree, dict):
         return repr(tree).encode()
+    return toml_text(tree)
+
+
+def toml_text(tree: dict[str, Any]) -> bytes:
+    """The tree as TOML, a line for each of its keys."""
     text = "".join(f"{json.dumps(str(key))} = {_toml(value)}\n" for key, value in tree.items() if value is not None)
     for word, raw in TOML_RAW.items():
         text = text.replace(f'"{word}"', raw)

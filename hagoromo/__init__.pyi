@@ -173,7 +173,8 @@ from .app.report.page import (
     write_page as write_page,
 )
 
-# Many captures
+# Many captures, many machines
+from .cluster.scheduler_address import TrustedScheduler as TrustedScheduler
 from .app.batch.batch import Outcome as Outcome, batch as batch
 
 # Any file or folder that the package knows

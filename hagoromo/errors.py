@@ -9,6 +9,7 @@ from contextlib import contextmanager
 
 LONGEST = 1000  # characters of a message: what is longer repeats a file
 CONSIDERED = 2000  # characters at either end of a message that are looked at
+PASSWORD = re.compile(r"(:/+)[^\s@:/]*:[^\s]*@")  # of an address such as scheme://user:password@host
 BREAKS = re.compile(r"[\s\x1c-\x1f\x85\u2028\u2029]*[\n\r\t\v\f\x1c-\x1f\x85\u2028\u2029]\s*")
 
 
@@ -32,8 +33,21 @@ def one_line(message: object) -> str:
     return text if len(text) <= LONGEST else f"{text[: LONGEST - 300]} … {text[-290:]}"
 
 
+def without_password(text: str) -> str:
+    """The text with "…" in place of user and password in the addresses that it holds.
+
+    >>> without_password("tcp://me:opensesame@host:8786 does not answer")
+    'tcp://…@host:8786 does not answer'
+    """
+    return PASSWORD.sub(r"\1…@", text) if "@" in text else text
+
+
 def escaped(line: str) -> str:
-    """The text with control and invisible characters as escapes such as \\x1b; blanks of any width stay."""
+    """The text with control and invisible characters as escapes such as \\x1b; blanks of any width stay.
+
+    All that is shown to people goes through here, so that no password of an address is.
+    """
+    line = without_password(line)
     if line.isprintable():
         return line
     return "".join(sign if sign.isprintable() or unicodedata.category(sign) == "Zs" else _escape(sign) for sign in line)

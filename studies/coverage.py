@@ -15,6 +15,7 @@ import numpy as np
 import tyro
 
 import hagoromo as hg
+from hagoromo.app.scheduler_options import HERE, Scheduler
 from hagoromo.cluster.mapped import mapped
 from studies.coverage_bench import BENCHES, FULL_WELLS, Bench, Truth, drawn, observed
 from studies.coverage_page import write_coverage_page
@@ -84,17 +85,16 @@ def table(results: list[tuple[Truth, hg.MaterialEstimate]]) -> list[dict[str, An
     return rows
 
 
-def main(out: Path, simulations: int = SIMULATIONS, scheduler: str | None = None, force: bool = False) -> None:
+def main(out: Path, simulations: int = SIMULATIONS, scheduler: Scheduler = HERE, force: bool = False) -> None:
     """Simulate and measure.
 
     Args:
         out: where to write results.json, coverage.md and coverage.png.
         simulations: of each bench at each noise level.
-        scheduler: run on Dask's workers: an address (tcp://host:8786), local, or a number of processes here.
         force: replace an existing result.
     """
     with hg.progress_bar("coverage") as progress:
-        record = coverage_study(out, simulations, force, progress, scheduler)
+        record = coverage_study(out, simulations, force, progress, scheduler.chosen)
     for row in record["rows"]:
         share = 100.0 * row["hold"] / row["intervals"]
         print(f"{row['bench']}, {row['level']}: {row['quantity']} {share:.1f} %")

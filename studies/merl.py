@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from tyro.conf import Positional
 
 import hagoromo as hg
+from hagoromo.app.scheduler_options import HERE, Scheduler
 from hagoromo.cluster.mapped import here_or_on
 from hagoromo.files.cache import key_of
 from hagoromo.files.resumable import resumable_folder
@@ -170,17 +171,16 @@ def _median_error(model: Array, clean: Array, used: np.ndarray) -> float:
     return float(np.median(np.abs(model - clean)[used] / clean[used]))
 
 
-def main(folder: Positional[Path], out: Path, scheduler: str | None = None, force: bool = False) -> None:
+def main(folder: Positional[Path], out: Path, scheduler: Scheduler = HERE, force: bool = False) -> None:
     """Study the published fits of MERL in FOLDER.
 
     Args:
         folder: with merl_sgd.json and merl_abc.json.
         out: where to write results.json, merl.md and merl.png.
-        scheduler: run on Dask's workers: an address (tcp://host:8786), local, or a number of processes here.
         force: replace an existing result.
     """
     with hg.progress_bar("MERL") as progress:
-        record = merl_study(folder, out, force, progress, scheduler)
+        record = merl_study(folder, out, force, progress, scheduler.chosen)
     for kind, of in record["summary"].items():
         for method, figures in of["error"].items():
             low, middle, high, worst = (100 * figures[key] for key in ("quartile_1", "median", "quartile_3", "worst"))

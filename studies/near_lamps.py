@@ -16,6 +16,7 @@ import numpy as np
 import tyro
 
 import hagoromo as hg
+from hagoromo.app.scheduler_options import HERE, Scheduler
 from hagoromo.cluster.mapped import mapped
 from studies.near_rig import SURFACE_DISTANCE, Look, Rig, read_rig, ring_rig, simulate, sphere, waves
 
@@ -55,7 +56,7 @@ def studied(rig: Rig, scheduler: str | int | None = None, progress: hg.Progress 
 
 
 def main(
-    out: Path, leds: Path | None = None, smaller: float = 20.0, scheduler: str | None = None, force: bool = False
+    out: Path, leds: Path | None = None, smaller: float = 20.0, scheduler: Scheduler = HERE, force: bool = False
 ) -> None:
     """Run every case and write the table.
 
@@ -63,12 +64,11 @@ def main(
         out: JSON file to write.
         leds: folder near_ps_leds; without it a made-up ring of ten LEDs.
         smaller: how much smaller than the camera's the photographs under `leds` are.
-        scheduler: run on Dask's workers: an address (tcp://host:8786), local, or a number of processes here.
         force: replace an existing result.
     """
     rig = ring_rig() if leds is None else read_rig(leds, smaller)
     with hg.whole_file(out, force) as partial, hg.progress_bar("near lamps") as progress:
-        cases = studied(rig, scheduler, progress)
+        cases = studied(rig, scheduler.chosen, progress)
         hg.write_json(partial, {"rig": "ring" if leds is None else "near_ps_leds", "cases": cases})
     for case in cases:
         print({key: round(value, 3) if isinstance(value, float) else value for key, value in case.items()})

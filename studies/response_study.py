@@ -20,6 +20,7 @@ import tyro
 from tyro.conf import Positional
 
 import hagoromo as hg
+from hagoromo.app.scheduler_options import HERE, Scheduler
 from hagoromo.calibration.response.calibrate_response import overlap_matrix, solve_response
 from hagoromo.cluster.mapped import mapped
 from studies.response_bench import (
@@ -132,7 +133,7 @@ def main(
     out: Path,
     first: int = 0,
     every: int = 1,
-    scheduler: str | None = None,
+    scheduler: Scheduler = HERE,
     force: bool = False,
 ) -> None:
     """Study calibrated responses with the cameras in FOLDER.
@@ -142,11 +143,10 @@ def main(
         out: folder to write.
         first: number of the first camera, from 0.
         every: take every n-th camera from there.
-        scheduler: run on Dask's workers: an address (tcp://host:8786), local, or a number of processes here.
         force: replace an existing result.
     """
     with hg.progress_bar("responses") as progress:
-        record = response_study(folder, out, every, force, progress, scheduler, first)
+        record = response_study(folder, out, every, force, progress, scheduler.chosen, first)
     title = "Correlation with the true curve, median / 10th percentile, and coverage of 95 % intervals"
     fits = {"hagoromo": "correlation", "knowing the truth": "correlation_knowing_the_truth"}
     rows = [[name, fit, *_cells(row, key)] for name, row in record["rows"].items() for fit, key in fits.items()]

@@ -14,6 +14,7 @@ from tyro.conf import Positional, UseAppendAction
 import hagoromo as hg
 from hagoromo.app.progress_bar import progress_bar
 from hagoromo.app.verb import Force, Out, say, verb, wrote
+from hagoromo.app.written import response_files, with_picture
 from hagoromo.errors import InputError
 from hagoromo.files.whole import replaceable_file, replaceable_files, whole_files
 
@@ -22,7 +23,7 @@ DOUBTFUL_NOISE = 0.03  # relative noise of a reading beyond which spectra or ill
 calibrations = tyro.extras.SubcommandApp()
 
 
-@verb(calibrations, "camera")
+@verb(calibrations, "camera", with_picture)
 def calibrate_camera(
     photographs: Positional[tuple[Path, ...]],
     out: Out,
@@ -50,7 +51,7 @@ def calibrate_camera(
     from hagoromo.app.calibration_plot import residual_plot
     from hagoromo.calibration.camera.board import OWN_WINDOWS
 
-    plot = out.with_suffix(".png")
+    _, plot = with_picture(out).files
     if plot == out:
         raise InputError(f"{out} is the name of a picture: give a name that ends in .json")
     target = _board(board, square, marker, dictionary, window)
@@ -170,7 +171,7 @@ def calibrate_rig(
     wrote(out)
 
 
-@verb(calibrations, "response")
+@verb(calibrations, "response", response_files)
 def calibrate_response(
     sources: Positional[tuple[Path, ...]],
     out: Out,
@@ -191,7 +192,7 @@ def calibrate_response(
     """
     from hagoromo.app.response_plot import response_plot
 
-    targets = (*hg.ResponseCalibration.paths(out), out.with_suffix(".png"))
+    targets = response_files(out).files
     replaceable_files(targets, force)
     calibration = _response(sources, lamp, chart, corners)
     with whole_files(targets, force) as partials:

@@ -8,6 +8,7 @@ Commands import modules when they run, so that `--help` is fast.
 from __future__ import annotations
 
 import contextlib
+import functools
 import io
 import json
 import math
@@ -31,14 +32,16 @@ from hagoromo.app import recipes_verb as recipes_verb
 from hagoromo.app import spectra_verb as spectra_verb
 from hagoromo.app import view_verb as view_verb
 from hagoromo.app.calibrations import calibrations
-from hagoromo.app.everywhere import HELP, everywhere, taken
+from hagoromo.app.everywhere import HELP, Everywhere, everywhere, taken
 from hagoromo.app.interrupt import exit_status, signals_as_interrupt, wait_for_kernels
 from hagoromo.app.progress_bar import progress_bar
 from hagoromo.app.publishing import publish
 from hagoromo.app.render_verb import render
+from hagoromo.app.scheduler_options import HERE, Scheduler
 from hagoromo.app.sensor_options import AS_STATED, Sensor
 from hagoromo.app.streams import give_up_streams, printable_streams
-from hagoromo.app.verb import Force, Out, Scheduler, say, verb, verbs, wrote
+from hagoromo.app.verb import Force, Out, say, verb, verbs, wrote
+from hagoromo.app.written import picture_or_film, with_picture
 from hagoromo.errors import InputError
 from hagoromo.files.finite import finite_json
 from hagoromo.files.memory import is_shortage, shortage
@@ -54,6 +57,7 @@ from hagoromo.files.whole import (
 
 DONE, SOME_FAILED, CANNOT_RENDER, BAD_INPUT, NOT_READ = 0, 1, 1, 2, 141
 DESCRIPTION = f"From calibrated photographs to measured reflectance, volume boxes and rendered images. {HELP}"
+PASSWORD = re.compile(r"[^\s=:/]*:[^\s]*@")  # a user, and a password, before the host of an address
 ANSI = re.compile(r"\x1b\[[0-9;]*m")
 
 verbs.command(calibrations, name="calibrate", help="Calibrate a camera, its response, or lamps.")
@@ -81,15 +85,34 @@ def main(arguments: Sequence[str] | None = None, ends: bool = False) -> int:
 
 
 def _run(arguments: list[str], ends: bool) -> int:
-    """Run a command and say in one line what ended it; returns the exit status."""
+    """Parse and run a command; returns the exit status."""
     if arguments == ["--version"]:
         print(f"hagoromo {hg.__version__}")
         return DONE
+
+    def run() -> int | None:
+        words, options = taken(arguments)
+        with everywhere(options), signals_as_interrupt():
+            return parsed(words)()
+
+    return _ended(run, ends)
+
+
+def carry_out(call: Callable[[], int | None]) -> int:
+    """Run a command that `parsed` gave, without options of every command; returns the exit status as `main` does."""
+
+    def run() -> int | None:
+        with everywhere(Everywhere()), signals_as_interrupt():
+            return call()
+
+    return _ended(run, ends=False)
+
+
+def _ended(run: Callable[[], int | None], ends: bool) -> int:
+    """Run a command and say in one line what ended it; returns the exit status."""
     names_written.clear()
     try:
-        arguments, options = taken(arguments)
-        with everywhere(options), signals_as_interrupt():
-            return _parsed(arguments)() or DONE
+        return run() or DONE
     except BrokenPipeError:
         raise
     except (InputError, OSError) as error:
@@ -108,8 +131,17 @@ def _run(arguments: list[str], ends: bool) -> int:
         return BAD_INPUT
 
 
-def _parsed(arguments: list[str]) -> Callable[[], int | None]:
+def parsed(arguments: Sequence[str]) -> functools.partial[int | None]:
     """The command with its arguments, ready to run; `InputError` for wrong use."""
+    found = _found(arguments)
+    if isinstance(found, str):  # a box breaks a word over its rows: a password in it goes before, it is not found after
+        hidden = _found([PASSWORD.sub("…@", word) for word in arguments])
+        raise InputError(hidden if isinstance(hidden, str) else "wrong use of an address")
+    return found
+
+
+def _found(arguments: Sequence[str]) -> functools.partial[int | None] | str:
+    """The command, ready to run, or what is wrong with it."""
     errors = io.StringIO()
     try:
         with contextlib.redirect_stderr(errors):
@@ -119,7 +151,7 @@ def _parsed(arguments: list[str]) -> Callable[[], int | None]:
     except SystemExit as end:
         if not end.code:
             raise  # --help
-        raise InputError(_from_box(errors.getvalue())) from None
+        return _from_box(errors.getvalue())
 
 
 def _from_box(text: str) -> str:
@@ -187,7 +219,7 @@ def measure(
     interface: Literal["auto", "neutral", "coloured"] = "auto",
     own_light: Literal["report", "subtract"] = "report",
     rig: Path | None = None,
-    scheduler: Scheduler = None,
+    scheduler: Scheduler = HERE,
     force: Force = False,
 ) -> None:
     """Capture → materials.json, normals.exr, labels.png, a picture of each photograph's residuals, report.html.
@@ -204,7 +236,7 @@ def measure(
     with whole_folder(out, force) as home, progress_bar("measure") as progress:
         measurement = hg.measure(
             capture, n=n, distance=distance, facets=facets, interface=interface, own_light=own_light,
-            rig=rig, scratch=home, progress=progress, scheduler=scheduler,
+            rig=rig, scratch=home, progress=progress, scheduler=scheduler.chosen,
         )  # fmt: skip
         measurement.write_into(home)
         hg.write_measure_report(home / "report.html", measurement)
@@ -216,7 +248,7 @@ def measure(
 
 
 @verb(verbs)
-def build(recipe: Positional[Path], out: Out, scheduler: Scheduler = None, force: Force = False) -> None:
+def build(recipe: Positional[Path], out: Out, scheduler: Scheduler = HERE, force: Force = False) -> None:
     """Recipe of matter (shape, micro-structure, material) → volume box, which may be larger than the memory.
 
     The same command resumes a build that was interrupted or stopped because the disk was full.
@@ -228,15 +260,15 @@ def build(recipe: Positional[Path], out: Out, scheduler: Scheduler = None, force
     from hagoromo.volume.store.box_store import look_at_box
 
     with progress_bar("build") as progress:
-        hg.build_to(recipe, out, force, progress, scheduler)
+        hg.build_to(recipe, out, force, progress, scheduler.chosen)
     say(*str(look_at_box(out)).splitlines())
     wrote(out)
 
 
-verb(verbs)(render)
+verb(verbs, writes=picture_or_film)(render)
 
 
-@verb(verbs)
+@verb(verbs, writes=with_picture)
 def expose(
     image: Positional[Path],
     out: Out,
@@ -256,7 +288,7 @@ def expose(
         display: what the PNG is made for: sRGB (default), Display P3, or a view of ACES, such as
             "ACES 2.0 - SDR 100 nits (Rec.709)".
     """
-    replaceable_files((out, out.with_suffix(".png")), force)
+    replaceable_files(with_picture(out).files, force)
     factors = {name: _factor(value, name) for name, value in map(_named_value, strength)}
     exposed = hg.expose(image, factors, dict(map(_named_value, spectrum)))
     seen_by = None if response is None else hg.Response.load(response)
@@ -320,7 +352,7 @@ verb(verbs)(publish)
 
 @verb(verbs)
 def batch(
-    recipe: Positional[Path], out: Out, scheduler: Scheduler = None, dry_run: bool = False, force: Force = False
+    recipe: Positional[Path], out: Out, scheduler: Scheduler = HERE, dry_run: bool = False, force: Force = False
 ) -> int:
     """Commands over many captures, scenes or recipes; what did not change since the last run is not done again.
 
@@ -333,7 +365,7 @@ def batch(
     from hagoromo.app.batch.table import summary, table
 
     with progress_bar("batch") as progress:
-        outcomes = hg.batch(recipe, out, scheduler=scheduler, dry_run=dry_run, force=force, progress=progress)
+        outcomes = hg.batch(recipe, out, scheduler=scheduler.chosen, dry_run=dry_run, force=force, progress=progress)
     say(*table(outcomes, dry_run), summary(outcomes, dry_run))
     failed = not dry_run and any(outcome.state in ("failed", "not run") for outcome in outcomes)
     return SOME_FAILED if failed else DONE

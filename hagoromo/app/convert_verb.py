@@ -10,9 +10,10 @@ from tyro.conf import Positional
 import hagoromo as hg
 from hagoromo.app.progress_bar import progress_bar
 from hagoromo.app.verb import Force, Out, say, verb, verbs, wrote
+from hagoromo.app.written import converted
 
 
-@verb(verbs)
+@verb(verbs, writes=converted)
 def convert(
     source: Positional[Path],
     out: Out,

@@ -9,7 +9,8 @@ from typing import Literal
 
 import hagoromo as hg
 from hagoromo.app.progress_bar import progress_bar
-from hagoromo.app.verb import Force, Out, Scheduler, say, verb, verbs, wrote
+from hagoromo.app.scheduler_options import HERE, Scheduler
+from hagoromo.app.verb import Force, Out, say, verb, verbs, wrote
 from hagoromo.files.whole import replaceable_folder
 
 
@@ -18,7 +19,7 @@ def demo(
     out: Out,
     size: Literal["small", "full"] = "small",
     open_page: bool = False,
-    scheduler: Scheduler = None,
+    scheduler: Scheduler = HERE,
     force: Force = False,
 ) -> None:
     """The paper end to end: simulated photographs, measurement, volume boxes, figures 6–8, report.html.
@@ -42,7 +43,7 @@ def demo(
             webbrowser.open(address)
 
     with progress_bar("demo", by_step=True) as progress:
-        report = hg.demo(out, size=size, force=force, progress=progress, scheduler=scheduler, opened=opened)
+        report = hg.demo(out, size=size, force=force, progress=progress, scheduler=scheduler.chosen, opened=opened)
     wrote(report)
 
 

@@ -11,7 +11,9 @@ from tyro.conf import Positional
 import hagoromo as hg
 from hagoromo.app.filming import is_film, turn_of, write_film_of
 from hagoromo.app.progress_bar import progress_bar
-from hagoromo.app.verb import Force, Out, Scheduler, wrote
+from hagoromo.app.scheduler_options import HERE, Scheduler
+from hagoromo.app.verb import Force, Out, wrote
+from hagoromo.app.written import with_picture
 from hagoromo.errors import InputError
 from hagoromo.files.whole import replaceable_files
 
@@ -34,7 +36,7 @@ def render(
     lamp_orbit: int | None = None,
     fps: float | None = None,
     display: str | None = None,
-    scheduler: Scheduler = None,
+    scheduler: Scheduler = HERE,
     force: Force = False,
 ) -> None:
     """Scene → EXR (linear, with its weights) and PNG (sRGB); a scene that moves, or a turn → MP4, WebM, GIF or frames.
@@ -70,7 +72,7 @@ def render(
             )
         stated = {"tolerance": tolerance, "samples": samples, "seed": seed, "error": error, "seconds": time}
         given = {key: value for key, value in stated.items() if value is not None}
-        return write_film_of(scene, out, given, turn, fps, scheduler, force, mode)
+        return write_film_of(scene, out, given, turn, fps, scheduler.chosen, force, mode)
     from hagoromo.image.shown import Shown
 
     if denoise:
@@ -79,7 +81,7 @@ def render(
         name_of_denoiser()
     Shown(display)  # refuses what there is not before the work
     unfinished = _unfinished(out) if resume else None
-    replaceable_files((out, out.with_suffix(".png")), force or resume)
+    replaceable_files(with_picture(out).files, force or resume)
     from hagoromo.image.scene_file import camera_and_settings
 
     camera, settings = camera_and_settings(scene)
@@ -89,7 +91,7 @@ def render(
         settings = replace(settings, separate_lamps=True)
     try:
         with progress_bar("render") as progress:
-            image = hg.render(scene, settings, progress, scheduler, mode, unfinished, layers or denoise)
+            image = hg.render(scene, settings, progress, scheduler.chosen, mode, unfinished, layers or denoise)
     except hg.RenderInterrupted as interrupt:
         interrupt.image.save(out, camera.response, force or resume, display=display)
         raise KeyboardInterrupt(f"{interrupt}, {out} is the picture so far: --resume goes on with it") from interrupt

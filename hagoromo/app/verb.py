@@ -12,30 +12,39 @@ from tyro.conf import arg
 
 from hagoromo.app.everywhere import quiet
 from hagoromo.app.stage import named, run_staged
+from hagoromo.app.written import Writes, Written, alone
 from hagoromo.errors import escaped
 
 Out = Annotated[Path, arg(help="where to write the result")]
 Force = Annotated[bool, arg(help="replace an existing result")]
-Scheduler = Annotated[
-    str | None,
-    arg(help="run on Dask's workers: address of a scheduler (tcp://host:8786), local, or a number of processes here"),
-]
 
 verbs = tyro.extras.SubcommandApp()
+_writes: dict[Callable[..., Any], Writes] = {}
 
 
-def verb(group: Any, name: str | None = None) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Register a function as a command of `group`; parsing returns it with its arguments, without running it."""
+def verb(
+    group: Any, name: str | None = None, writes: Writes = alone
+) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Register a function as a command of `group`; parsing returns it with its arguments, without running it.
+
+    writes: what it writes for the name that --out gives it.
+    """
 
     def register(function: Callable[..., Any]) -> Callable[..., Any]:
         @functools.wraps(function)
         def prepared(*args: Any, **kwargs: Any) -> Callable[[], Any]:
             return functools.partial(run_staged, function, *args, **kwargs)
 
+        _writes[function] = writes
         group.command(prepared, name=name or function.__name__)
         return function
 
     return register
+
+
+def written_by_verb(function: Callable[..., Any], out: Path) -> Written:
+    """What the command that calls `function` writes for the name `out`."""
+    return _writes[function](out)
 
 
 def wrote(*paths: Path) -> None:

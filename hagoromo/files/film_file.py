@@ -16,6 +16,12 @@ Frame = NDArray[np.uint8]
 CODECS = {".mp4": ("libx264", {"crf": "16", "preset": "medium"}), ".webm": ("libvpx-vp9", {"crf": "24", "b:v": "0"})}
 SUFFIXES = (*CODECS, ".gif")
 GIF_COLOURS = 256
+FRAMES = "_frames"  # end of the name of the folder beside a film
+
+
+def frames_of(film: Path) -> Path:
+    """The folder beside a film that holds its frames."""
+    return film.with_name(film.stem + FRAMES)
 
 
 def check_film_name(path: str | Path) -> None:

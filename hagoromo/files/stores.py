@@ -12,7 +12,7 @@ import re
 import shutil
 from collections import Counter, OrderedDict
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path, PurePosixPath
 from threading import Lock
@@ -26,6 +26,7 @@ from hagoromo.files.whole import MARK
 
 SCHEMES = ("s3", "s3a", "gs", "gcs", "az", "abfs", "abfss", "memory")
 ADDRESS = re.compile(r"(" + "|".join(SCHEMES) + r"):/+(.+)", re.DOTALL)
+PASSWORD = re.compile(r"[^/@:]*:[^/]*@")  # at the start of an address; ABFS has container@account, without one
 INDEX = ("report.html", "zarr.json", "transforms.json", "materials.json")
 KEPT_MB = "HAGOROMO_KEPT_MB"  # environment: megabytes of what was fetched that a worker keeps
 MOST_KEPT = 10**9  # bytes, where it states none
@@ -35,8 +36,15 @@ traffic: Counter[str] = Counter()  # "objects" and "bytes" that this process has
 
 
 def address(path: str | Path) -> str | None:
-    """The address of a store that `path` is; None for the path of a file or folder on disk."""
+    """The address of a store that `path` is; None for the path of a file or folder on disk.
+
+    `InputError`, which does not repeat it, for an address that holds a password.
+    """
     match = ADDRESS.fullmatch(str(path))
+    if match and PASSWORD.match(match[2]):
+        raise InputError(
+            f"an address {match[1]}:// holds a password, which would be seen: give it by the variables of the store"
+        )
     return f"{match[1]}://{match[2]}" if match else None
 
 
@@ -45,7 +53,19 @@ def is_file(path: str | Path) -> bool:
     if address(path) is None:
         return Path(path).is_file()
     with _opened(path) as (files, key):
-        return bool(files.isfile(key))
+        try:
+            return files.info(key)["type"] == "file"  # not isfile, which takes a store that is not reached for no file
+        except FileNotFoundError:
+            return False
+
+
+def check_reached(path: str | Path) -> None:
+    """`InputError` where `path` is in a store that cannot be reached: asked before what is in it is called damaged."""
+    if address(path) is None:
+        return
+    with _opened(path) as (files, key), suppress(FileNotFoundError):
+        files.invalidate_cache()
+        files.info(key)
 
 
 def object_size(path: str | Path) -> int:

@@ -12,7 +12,8 @@ import math
 import os
 import re
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -27,7 +28,7 @@ from hagoromo.files.memory import require
 from hagoromo.files.names import reason
 from hagoromo.files.reading import reading
 from hagoromo.files.record import JSON_GROWTH
-from hagoromo.files.stores import address, object_size, read_whole, sizes, zarr_store
+from hagoromo.files.stores import address, check_reached, object_size, read_whole, sizes, zarr_store
 
 CODECS = (
     "bytes", "transpose", "sharding_indexed", "crc32c", "zstd", "gzip", "blosc",  # Zarr v3
@@ -78,6 +79,7 @@ class ZarrArray:
                 return stored.reshape(self.grid)[tuple(slice(b - a) for a, b in cell)]
             return np.asarray(self.array[tuple(map(slice, low, high))])
         except Exception as error:  # codecs raise what comes to them at damaged bytes
+            check_reached(self.where)
             place = self.files[index] if whole else f"{self.where} near {low}"
             raise InputError(f"{place} cannot be decoded, the file is damaged: {reason(error)}") from error
 
@@ -116,7 +118,7 @@ def open_arrays(path: str | Path, names: tuple[str, ...] = ()) -> tuple[dict[str
 
     folder, files = _opened(path)
     _check_metadata(folder, ("", *(f"{name}/" for name in names)), files)
-    with reading(folder, "Zarr"):
+    with _reading(folder):
         group = zarr.open_group(zarr_store(folder), mode="r", zarr_format=3, use_consolidated=False)
         members = {name: group[name] for name in names if f"{name}/zarr.json" in files}
         return group.attrs.asdict(), {
@@ -131,8 +133,19 @@ def open_array(path: str | Path) -> ZarrArray:
 
     folder, files = _opened(path)
     _check_metadata(folder, ("",), files)
-    with reading(folder, "Zarr"):
+    with _reading(folder):
         return _checked(zarr.open_array(zarr_store(folder), mode="r"), folder, files)
+
+
+@contextmanager
+def _reading(folder: Path) -> Iterator[None]:
+    """As `reading`, but a store that is not reached is not called damaged."""
+    try:
+        with reading(folder, "Zarr"):
+            yield
+    except InputError:
+        check_reached(folder)
+        raise
 
 
 def _opened(path: str | Path) -> tuple[Path, set[str]]:

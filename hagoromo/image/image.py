@@ -273,7 +273,7 @@ def read_image(path: str | Path) -> Image:
     """The Image in an EXR that `Image.save` wrote; `InputError` for any other EXR (`read_exr` reads those)."""
     channels, header = read_exr(path)
     try:
-        palette = _palette_from_record(json_value(header["palette"], f"{path}: palette"))
+        palette = _palette_from_record(json_value(header["palette"], f"{path}: palette"), Path(path).parent)
         metadata = dict(json_value(header["hagoromo"], f"{path}: hagoromo"))
         empty = np.zeros(channels["A"].shape, np.float32)
         names = Image(empty[..., None], empty, palette).channel_names()
@@ -292,13 +292,13 @@ def _palette_record(palette: Palette) -> dict[str, Any]:
     return spectra | {"lamp_names": list(palette.lamp_names), "lamp_groups": list(palette.lamp_groups)}
 
 
-def _palette_from_record(record: dict[str, Any]) -> Palette:
-    """Files of version 0.2 do not name the lamps; only images of all orders have bands, of elements that transmit
-    transmitted colours.
+def _palette_from_record(record: dict[str, Any], folder: Path) -> Palette:
+    """folder: of the file; a spectrum that it names lies in it. Files of version 0.2 do not name the lamps; only images
+    of all orders have bands, of elements that transmit transmitted colours.
     """
     names, groups = tuple(map(str, record.get("lamp_names", ()))), tuple(map(int, record.get("lamp_groups", ())))
-    bodies, interfaces, lamps = (tuple(Spectrum.load(s) for s in record[key]) for key in PALETTE_KEYS)
-    further = {key: tuple(Spectrum.load(s) for s in record.get(key, ())) for key in FURTHER_KEYS}
+    bodies, interfaces, lamps = (tuple(Spectrum.load(s, folder) for s in record[key]) for key in PALETTE_KEYS)
+    further = {key: tuple(Spectrum.load(s, folder) for s in record.get(key, ())) for key in FURTHER_KEYS}
     palette = Palette(bodies, interfaces, lamps, names, groups, **further)
     if len(names) != len(groups) or (groups and set(groups) != set(range(len(palette.lamps)))):
         raise ValueError("its lamp_groups do not fit its lamps")

@@ -62,8 +62,9 @@ def render(
     """The image that the scene's camera would see, as weights.
 
     scene: a `Scene`, or the path of a scene TOML, which is then rendered as it states unless `settings` are given.
-    scheduler: address of a Dask scheduler, "local", or a number of processes, whose workers render the tiles of a scene
-    file; the bits are the same. `InputError` for a file that describes no scene, and a scheduler that does not answer.
+    scheduler: a number of processes, "local", or the address of a Dask scheduler ("tls://host:8786", or a
+    `TrustedScheduler`), whose workers render the tiles of a scene file; the bits are the same. `InputError` for a file
+    that describes no scene, and a scheduler that does not answer or that nobody vouches for.
     mode: of MODES. "march": light that is scattered once, without noise. "full": light of all
     orders, solved once on a coarse grid, without noise. "path": light of all orders, estimated without
     bias by `settings.samples` random walks through each pixel; it has noise, see `Image.variance`. An interrupt of it

@@ -11,11 +11,13 @@ import numpy as np
 import pytest
 
 import hagoromo as hg
+from fuzz.pictures import rendered
 from hagoromo.app.formats.find import BY_SUFFIX
 from hagoromo.errors import InputError
 from hagoromo.files.checks import existing_file, inside, read_bytes
 from hagoromo.files.exr import write_exr
 from hagoromo.files.png import write_png
+from hagoromo.files.table import write_table
 from hagoromo.measurement.measured_surface import read_surface
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="pipes and links are made otherwise there")
@@ -180,6 +182,57 @@ def test_a_link_of_a_measurement_or_of_colmap_that_leads_outside_is_refused(refu
     with pytest.raises(InputError, match="leads outside"):
         read_surface(tmp_path / "home")
     assert "leads outside" in refused("info", tmp_path / "home")
+
+
+@pytest.fixture(params=["absolute", "..", "a link"])
+def outside(request, tmp_path):
+    """How a file in tmp_path/home names the spectrum beside that folder."""
+    home = tmp_path / "home"
+    home.mkdir()
+    write_table(tmp_path / "secret.csv", {"wavelength_nm": [400, 700], "value": [0.5, 0.5]})
+    (home / "link.csv").symlink_to(tmp_path / "secret.csv")
+    return {"absolute": str(tmp_path / "secret.csv"), "..": "../secret.csv", "a link": "link.csv"}[request.param]
+
+
+def named_outside(said: str) -> bool:
+    return "points outside" in said or "leads outside" in said
+
+
+@pytest.mark.parametrize("key", ["bodies", "lamps", "bands"])
+def test_a_spectrum_that_a_picture_names_lies_in_its_folder(refused, outside, tmp_path, key):
+    """Pictures have their spectra in them; one that names a file read any file of the machine."""
+    flat = hg.Spectrum.constant(1.0).record()
+    record = {"bodies": [flat], "interfaces": [flat], "lamps": [flat], "lamp_names": ["a"], "lamp_groups": [0]}
+    rendered(tmp_path / "home" / "a.exr", json.dumps(record | {key: [outside]}).encode())
+    said = refused("expose", tmp_path / "home" / "a.exr", "--out", tmp_path / "b.exr")
+    assert named_outside(said)
+
+
+def test_a_spectrum_that_a_box_names_lies_in_it(refused, outside, box, tmp_path):
+    """Of its materials, and the basis of its colours."""
+    home = tmp_path / "home" / "slab.zarr"
+    shutil.move(box, home)
+    name = outside if outside.startswith("/") else f"../{outside}"
+    attributes = json.loads((home / "zarr.json").read_text())
+    for change in (
+        {"basis": [name]},
+        {"materials": [attributes["attributes"]["hagoromo"]["materials"][0] | {"body_colour": name}]},
+    ):
+        spoilt = json.loads(json.dumps(attributes))
+        spoilt["attributes"]["hagoromo"] |= change
+        (home / "zarr.json").write_text(json.dumps(spoilt))
+        assert named_outside(refused("info", home))
+
+
+@pytest.mark.parametrize("key", ["file", "body_colour", "interface_colour"])
+def test_what_the_material_of_a_conversion_names_lies_in_its_folder(refused, outside, tmp_path, key):
+    np.save(tmp_path / "a.npy", np.ones((4, 5, 6), np.float32))
+    table = {"alpha": 0.2, "beta": 0.1, "gamma": 0.2, "n": 1.5, "body_colour": 0.8}
+    table = {"file": outside, "material": "a"} if key == "file" else table | {key: outside}
+    lines = [f"{name} = {json.dumps(value)}" for name, value in table.items()]
+    (tmp_path / "home" / "m.toml").write_text("\n".join(["[material]", *lines]))
+    options = "--material", tmp_path / "home" / "m.toml", "--out", tmp_path / "a.zarr"
+    assert named_outside(refused("convert", tmp_path / "a.npy", *options))
 
 
 def test_names_that_are_not_in_utf8_are_refused(refused, tmp_path):

@@ -106,10 +106,10 @@ def test_a_step_that_fails_is_in_the_table_and_the_others_go_on(home, run):
 
 
 def test_a_bug_in_one_step_is_a_failed_step(home, monkeypatch):
-    def broken(arguments):
+    def broken(call):
         raise ZeroDivisionError("of a bug")
 
-    monkeypatch.setattr("hagoromo.app.cli.main", broken)
+    monkeypatch.setattr("hagoromo.app.cli.carry_out", broken)
     outcomes = hg.batch(home / "batch.toml", home / "out")
     assert set(states(outcomes).values()) == {"failed", "not run"}
     assert outcomes[0].said == "ZeroDivisionError: of a bug"
@@ -119,11 +119,11 @@ def test_a_run_that_was_killed_is_taken_up_again(home, monkeypatch):
     """After the fourth of six steps: results that are there are kept, the one under way is made again."""
     ran, done = [], Ledger.done
 
-    def killed(self, out, key):
-        ran.append(out)
+    def killed(self, step, key):
+        ran.append(step.out)
         if len(ran) == 4:
             raise KeyboardInterrupt
-        done(self, out, key)
+        done(self, step, key)
 
     monkeypatch.setattr(Ledger, "done", killed)
     with pytest.raises(KeyboardInterrupt):
@@ -216,7 +216,7 @@ out = "relit/{name}"
         ('arguments = ["{path}"]', 'arguments = ["../../secret.toml"]', "points outside"),
         ('out = "pictures/{name}.exr"', 'out = "../{name}.exr"', "points outside"),
         ('out = "pictures/{name}.exr"', 'out = "picture.exr"', "write {name} in it"),
-        ('out = "dimmed/{name}.exr"', 'out = "pictures/{name}.exr"', "have one result"),
+        ('out = "dimmed/{name}.exr"', 'out = "pictures/{name}.exr"', "rendered a would both write pictures/a.exr"),
         ('name = "dimmed"', 'name = "rendered"', "the name is taken"),
         ('name = "dimmed"', 'name = "Dimmed"', "must be a text of the form ^[a-z][a-z0-9_]{0,63}$: given 'Dimmed'"),
         ('name = "rendered"', 'name = "path"', "the name is taken"),

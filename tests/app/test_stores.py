@@ -2,13 +2,16 @@
 
 import os
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import hagoromo as hg
+from hagoromo.app.batch.ledger import stamp
 from hagoromo.app.cli import main
 from hagoromo.files import stores
+from hagoromo.files.zarr_arrays import open_arrays
 from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.store import packed_bricks
 from hagoromo.volume.store.box_store import look_at_box
@@ -282,12 +285,83 @@ def test_bad_addresses_are_one_line(s3, refused, tmp_path, arguments, said):
     assert said in refused(*(argument.format(tmp_path) for argument in arguments))
 
 
-def test_a_store_that_nobody_serves_is_one_line(s3, refused, tmp_path, monkeypatch):
-    monkeypatch.setenv("AWS_ENDPOINT_URL", "http://127.0.0.1:9")
+SECRET = "opensesame"
+
+
+@pytest.fixture
+def unreached(s3, monkeypatch):
+    """Nobody serves the store any more, at an address that holds a password."""
+    monkeypatch.setenv("AWS_ENDPOINT_URL", f"http://me:{SECRET}@127.0.0.1:9")
     monkeypatch.setenv("AWS_MAX_ATTEMPTS", "1")
     forget_sessions()
-    assert "cannot be reached" in refused("measure", "s3://bucket/none", "--out", tmp_path / "a")
+    yield
     forget_sessions()
+
+
+def test_a_store_that_nobody_serves_is_one_line(unreached, refused, scene, tmp_path):
+    """Whoever asks; a box there was called no volume box."""
+    boxed = scene(more='\n[[box]]\nfile = "s3://bucket/none.zarr"\n')
+    for words in (
+        ("measure", "s3://bucket/none", "--out", tmp_path / "a"),
+        ("info", "s3://bucket/none.zarr"),
+        ("convert", "s3://bucket/none.zarr", "--out", tmp_path / "a.nrrd"),
+        ("render", boxed, "--out", tmp_path / "a.exr"),
+    ):
+        said = refused(*words)
+        assert "cannot be reached" in said and "volume box" not in said and SECRET not in said
+
+
+def test_a_store_that_is_lost_meanwhile_is_not_damaged(stored, monkeypatch):
+    """After the header was read: chunks of our own decoder, and of zarr-python's."""
+    box, address = stored
+    shutil.rmtree(box / "packed")
+    stores._files("s3").rm(f"{address.removeprefix('s3://')}/packed", recursive=True)
+    opened = open_arrays(address, ("density",))[1]["density"]
+
+    def lost(*_, **__):
+        raise ConnectionError(f"http://me:{SECRET}@127.0.0.1:9 is gone")
+
+    for name in ("info", "cat_file", "cat_ranges"):
+        monkeypatch.setattr(stores._files("s3"), name, lost)
+    for high in (opened.shape, (1, 1, 1)):
+        with pytest.raises(hg.InputError, match=r"cannot be reached: http://…@127\.0\.0\.1:9 is gone"):
+            opened.read((0, 0, 0), high)
+    with pytest.raises(hg.InputError, match="cannot be reached"):
+        hg.load_box(address)
+
+
+def test_an_address_with_a_password_is_refused_and_not_repeated(refused, scene, tmp_path):
+    bad = f"s3://me:{SECRET}@bucket/a.zarr"
+    for words in (
+        ("info", bad),
+        ("measure", bad, "--out", tmp_path / "a"),
+        ("simulate", scene(), "--out", bad),
+        ("render", scene(more=f'\n[[box]]\nfile = "{bad}"\n'), "--out", tmp_path / "a.exr"),
+    ):
+        said = refused(*words)
+        assert "holds a password" in said and SECRET not in said
+    assert stores.address("abfs://box@account/a.zarr") == "abfs://box@account/a.zarr"
+
+
+STEP = """
+[[step]]
+name = "nrrd"
+verb = "convert"
+arguments = ["{}"]
+out = "b.nrrd"
+"""
+
+
+def test_a_batch_sees_that_a_box_in_a_store_has_changed(stored, tmp_path):
+    """One that the recipe names; one that a scene names is digested alike."""
+    _, address = stored
+    (tmp_path / "batch.toml").write_text(STEP.format(address))
+    for state in ("done", "unchanged", "done"):
+        assert [one.state for one in hg.batch(tmp_path / "batch.toml", tmp_path / "out")] == [state]
+        if state == "unchanged":
+            before = stamp(Path(address))
+            stores._files("s3").pipe_file(f"{address.removeprefix('s3://')}/note.txt", b"another")
+            assert stamp(Path(address)) != before
 
 
 @pytest.mark.parametrize("path", ["/data/box.zarr", "box.zarr", "C:/box.zarr", "http://host/box.zarr", "s3", "s3:/"])

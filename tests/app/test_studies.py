@@ -15,6 +15,7 @@ FILES = [path.relative_to(STUDIES).as_posix() for path in sorted(STUDIES.rglob("
 INSIDE = {  # modules of the package that a study takes apart, and why no public name serves it
     # the models that the fits minimise, to predict readings from parameters that no fit has found
     "merl.py": {
+        "app.scheduler_options",
         "measurement.material.material_objective",
         "measurement.material.lack_of_fit",
         "measurement.material.model_choice",
@@ -51,7 +52,7 @@ INSIDE = {  # modules of the package that a study takes apart, and why no public
         "calibration.response.published_curves",
     },
     "response_faults.py": {"calibration.response.calibrate_response", "calibration.response.chart_falloff"},
-    "response_study.py": {"calibration.response.calibrate_response", "cluster.mapped"},
+    "response_study.py": {"app.scheduler_options", "calibration.response.calibrate_response", "cluster.mapped"},
     "response_prior.py": {"calibration.response.curve_process"},
     # the spectra that a prior is made of, so that none that is tested is among them
     "spectra_bench.py": {"reflectance.spectra.prior_spectra"},
@@ -68,9 +69,9 @@ INSIDE = {  # modules of the package that a study takes apart, and why no public
     "gallery/gallery_draft.py": {"files.record", "matter.recipes.cloth"},
     # the steps that a tolerance stands for
     "first_order.py": {"transport.frames"},
-    # many tasks of one function, here or on workers: a study's own need
-    "coverage.py": {"cluster.mapped"},
-    "near_lamps.py": {"cluster.mapped"},
+    # many tasks of one function, here or on workers, with the options of the commands: a study's own need
+    "coverage.py": {"app.scheduler_options", "cluster.mapped"},
+    "near_lamps.py": {"app.scheduler_options", "cluster.mapped"},
     # workers, before and while they work
     "cluster_bench.py": {"cluster.cluster", "image.render_tiles"},
     # the viewer itself, to be driven and photographed

@@ -16,8 +16,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from hagoromo.app.batch.batch_file import Step, read_batch
+from hagoromo.app.batch.batch_file import read_batch
 from hagoromo.app.batch.ledger import Ledger, keys_of, stamp
+from hagoromo.app.batch.plan import Step
 from hagoromo.cluster.cluster import Workers
 from hagoromo.cluster.mapped import here_or_on
 from hagoromo.errors import InputError
@@ -74,7 +75,7 @@ def _run(
     if not dry_run:
         ledger.tidy()
     keys = keys_of(steps, _digests(steps, ledger, workers, dry_run))
-    fresh = {number for number, step in enumerate(steps) if ledger.is_done(step.out, keys[number])}
+    fresh = {number for number, step in enumerate(steps) if ledger.is_done(step, keys[number])}
     for number, step in enumerate(steps):
         if step.needs and not fresh.issuperset(step.needs):
             fresh.discard(number)
@@ -91,7 +92,7 @@ def _run(
 def _digests(steps: Sequence[Step], ledger: Ledger, workers: Workers, dry_run: bool) -> dict[str, str]:
     """Digest of every input of the steps; one is read only where size or time of change are not as they were."""
     known = ledger.digests()
-    stamps = {str(read.path): stamp(read.path) for step in steps for read in step.inputs}
+    stamps = {str(path): stamp(path) for path in {read.path for step in steps for read in step.inputs}}
     stale = [path for path, now in stamps.items() if known.get(path, [None, None])[1] != now]
     digests = {path: [known[path][0], now] for path, now in stamps.items() if known.get(path, [None, None])[1] == now}
     for number, digest in workers.results(content, ((path,) for path in stale)):
@@ -103,8 +104,9 @@ def _digests(steps: Sequence[Step], ledger: Ledger, workers: Workers, dry_run: b
 
 def _check_own(steps: Sequence[Step], ledger: Ledger, fresh: set[int]) -> None:
     for number, step in enumerate(steps):
-        if number not in fresh and step.out.exists() and not ledger.entry(step.out):
-            raise InputError(f"{step.out} exists and no batch made it: choose another name or add force (--force)")
+        there = () if number in fresh else step.written.there()
+        if there and not ledger.entry(step.out):
+            raise InputError(f"{there[0]} exists and no batch made it: choose another name or add force (--force)")
 
 
 class _Run:
@@ -162,19 +164,21 @@ class _Run:
 
 def run_step(ledger: Ledger, step: Step, key: str) -> Outcome:
     """Run the command of a step, in this process; on a worker, too."""
-    from hagoromo.app.cli import main
+    from hagoromo.app.cli import carry_out
 
     keep_fetched()  # steps that follow may read the same boxes
     begun, errors = time.monotonic(), io.StringIO()
-    if ledger.is_done(step.out, key):  # by a worker that died before it could say so
+    if ledger.is_done(step, key):  # by a worker that died before it could say so
         return Outcome(step.name, step.out, "done")
-    ledger.begin(step.out, key)
+    ledger.begin(step, key)
     step.out.parent.mkdir(parents=True, exist_ok=True)
     try:
-        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(errors):
-            status = main([*step.words, "--out", str(step.out), "--force"])
-    except SystemExit:
-        status = 2
+        with (
+            contextlib.chdir(step.folder),  # names that are no input must not name what lies where this runs
+            contextlib.redirect_stdout(io.StringIO()),
+            contextlib.redirect_stderr(errors),
+        ):
+            status = carry_out(step.call.to(step.out))
     except Exception as error:
         status = 1
         errors.write(f"hagoromo: {type(error).__name__}: {printable(error)[:300]}\n")
@@ -182,7 +186,7 @@ def run_step(ledger: Ledger, step: Step, key: str) -> Outcome:
         raise KeyboardInterrupt
     lines = errors.getvalue().strip().splitlines()
     if status == 0:
-        ledger.done(step.out, key)
+        ledger.done(step, key)
         return Outcome(step.name, step.out, "done", seconds=time.monotonic() - begun)
     said = lines[-1].removeprefix("hagoromo: ") if lines else f"it ended with status {status}"
     return Outcome(step.name, step.out, "failed", said, time.monotonic() - begun)

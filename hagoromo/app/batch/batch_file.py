@@ -16,23 +16,21 @@ the step of that name, for the same match. A step that names none of them is don
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator
 from pathlib import Path, PurePath
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 from msgspec import Meta
 
+from hagoromo.app.batch.call import USERS
+from hagoromo.app.batch.plan import PLACEHOLDER, Match, Plan, Step, Words
 from hagoromo.errors import InputError, described
-from hagoromo.files.checks import inside
-from hagoromo.files.content import named_by
 from hagoromo.files.record import Count, Record, about, decode, one_of, read_toml
 
 VERBS = (
     "simulate", "develop", "capture", "convert", "calibrate", "measure", "build", "render", "expose", "relight",
 )  # fmt: skip
 MOST_STEPS = 200_000
-PLACEHOLDER = re.compile(r"\{(\w*)\}")
 OF_MATCH = ("path", "name")  # placeholders that differ between matches
 Name = Annotated[str, Meta(pattern=r"^[a-z][a-z0-9_]{0,63}$")]
 
@@ -64,35 +62,6 @@ class BatchRecord(Record, frozen=True, kw_only=True):
     format_version: Annotated[Count, about("version of the format of batch files")] = 1
 
 
-class Input(NamedTuple):
-    """A file or folder that a step reads: what its key calls it, and where it is."""
-
-    label: str
-    path: Path
-
-
-@dataclass(frozen=True)
-class Step:
-    """A command of a batch. words: its arguments as they are run, the result's path not among them.
-
-    says: the same words without the places of folders, for its key. needs: numbers of the steps whose results it reads.
-    """
-
-    name: str
-    words: tuple[str, ...]
-    says: tuple[str, ...]
-    out: Path
-    inputs: tuple[Input, ...]
-    needs: tuple[int, ...]
-
-
-class Match(NamedTuple):
-    """What `each` found: {path}, relative to the recipe, and {name}."""
-
-    path: str
-    name: str
-
-
 def read_batch(recipe: str | Path, out: Path) -> list[Step]:
     """The steps of the recipe in a TOML file, with results in the folder `out`; each stands after those it needs.
 
@@ -105,12 +74,12 @@ def read_batch(recipe: str | Path, out: Path) -> list[Step]:
         matches = list(_matches(record, recipe.parent, out)) if any(repeated.values()) else []
         if len(matches) * len(repeated) > MOST_STEPS:
             raise InputError(f"{len(matches)} matches of each give more than {MOST_STEPS} steps: divide the batch")
-        plan = _Plan(recipe.parent, out)
-        for step in record.step:
+        plan, steps = Plan(recipe.parent, out), [_words(step) for step in record.step]
+        for step in steps:
             if not repeated[step.name]:
                 plan.add(step, None)
         for match in matches:
-            for step in record.step:
+            for step in steps:
                 if repeated[step.name]:
                     plan.add(step, match)
     return plan.steps
@@ -154,90 +123,22 @@ def _matches(record: BatchRecord, folder: Path, out: Path) -> Iterator[Match]:
         yield Match(path.relative_to(folder).as_posix(), path.name if path.is_dir() else path.stem)
 
 
-class _Plan:
-    """Steps in the making."""
-
-    def __init__(self, folder: Path, home: Path) -> None:
-        self.folder, self.home, self.steps = folder, home, list[Step]()
-        self.made: dict[Path, int] = {}  # result → number of its step
-        self.numbers: dict[tuple[str, Match | None], int] = {}
-
-    def add(self, record: StepRecord, match: Match | None) -> None:
-        """A step for a match of `each`; None: one that is done once."""
-        values = {} if match is None else match._asdict()
-        out = inside(self.home, PLACEHOLDER.sub(lambda found: values.get(found[1], found[0]), record.out)).absolute()
-        title = f"{record.name} {match.name}" if match else record.name
-        if out in self.made:
-            raise InputError(f"{title} and {self.steps[self.made[out]].name} have one result, {out}: tell them apart")
-        if out == self.home.absolute():
-            raise InputError(f"{title} has no out: name a file or folder")
-        words = _Words(self, values, match)
-        words.add(*record.verb.split(), *record.arguments)
-        for key, value in record.options.items():
-            words.option(record.name, key, value)
-        self.made[out], self.numbers[record.name, match] = len(self.steps), len(self.steps)
-        step = Step(title, tuple(words.words), tuple(words.says), out, tuple(words.inputs), tuple(sorted(words.needs)))
-        self.steps.append(step)
-
-    def result(self, name: str, match: Match | None) -> int:
-        """Number of the step of that name, for the match or for all."""
-        return self.numbers[name, match] if (name, match) in self.numbers else self.numbers[name, None]
+def _words(step: StepRecord) -> Words:
+    """The words of a step: its verb, arguments and options."""
+    words = [*step.verb.split(), *step.arguments]
+    for key, value in step.options.items():
+        words += _option(step.name, key, value)
+    return Words(step.name, tuple(words), step.out)
 
 
-class _Words:
-    """The words of a command, what they read and which steps they need."""
-
-    def __init__(self, plan: _Plan, values: Mapping[str, str], match: Match | None) -> None:
-        self.plan, self.values, self.match = plan, values, match
-        self.words, self.says, self.inputs, self.needs = list[str](), list[str](), list[Input](), set[int]()
-
-    def option(self, step: str, key: str, value: Any) -> None:
-        """An option with its value."""
-        if not re.fullmatch(r"[a-z][a-z0-9-]*", key) or key in ("out", "force", "scheduler"):
-            raise InputError(f"step {step!r} has the option {key!r}: give one of its verb, without -- before it")
-        if value is False:
-            return
-        self.words.append(f"--{key}")
-        self.says.append(f"--{key}")
-        for entry in () if value is True else value if isinstance(value, list) else (value,):
-            if isinstance(entry, bool) or not isinstance(entry, (str, int, float)):
-                raise InputError(
-                    f"step {step!r}, option {key}: give text, a number, true or a list: given {entry!r:.60}"
-                )
-            self.add(str(entry))
-
-    def add(self, *texts: str) -> None:
-        """Words with their placeholders; one that is the path of a file or folder is an input."""
-        for text in texts:
-            needed: list[int] = []
-
-            def value_of(found: re.Match[str], needed: list[int] = needed) -> str:
-                if found[1] in self.values:
-                    return self.values[found[1]]
-                needed.append(self.plan.result(found[1], self.match))
-                return str(self.plan.steps[needed[-1]].out)
-
-            whole = PLACEHOLDER.sub(value_of, text)
-            says = PLACEHOLDER.sub(lambda found: self.values.get(found[1], found[0]), text)
-            self.says.append(says)
-            self.needs |= set(needed)
-            self.words.append(whole if needed else self._input(whole))
-
-    def _input(self, text: str) -> str:
-        """The word for `text`: where it is the path of an input, all of the path."""
-        try:
-            path = inside(self.plan.folder, text).absolute()
-            there = bool(text) and (path.exists() or any(p in self.plan.made for p in (path, *path.parents)))
-        except InputError:
-            raise
-        except (OSError, ValueError):
-            return text  # no path
-        if not there:
-            return text
-        for label, named in named_by(path, self.plan.made):
-            maker = next((self.plan.made[p] for p in (named, *named.parents) if p in self.plan.made), None)
-            if maker is None:
-                self.inputs.append(Input(f"{text}{label}", named))
-            else:
-                self.needs.add(maker)
-        return str(path)
+def _option(step: str, key: str, value: Any) -> Iterator[str]:
+    """The words of an option with its value."""
+    if not re.fullmatch(r"[a-z][a-z0-9-]*", key) or key in USERS:
+        raise InputError(f"step {step!r} has the option {key!r}: give one of its verb, without -- before it")
+    if value is False:
+        return
+    yield f"--{key}"
+    for entry in () if value is True else value if isinstance(value, list) else (value,):
+        if isinstance(entry, bool) or not isinstance(entry, (str, int, float)):
+            raise InputError(f"step {step!r}, option {key}: give text, a number, true or a list: given {entry!r:.60}")
+        yield str(entry)

@@ -13,10 +13,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from hagoromo.app.batch.batch_file import Step
+from hagoromo.app.batch.plan import Step
+from hagoromo.app.written import Written
 from hagoromo.errors import InputError
+from hagoromo.files.content import content
 from hagoromo.files.leftovers import tidy
 from hagoromo.files.record import read_json, save_json
+from hagoromo.files.stores import address
 from hagoromo.version import __version__
 
 FOLDER = ".batch"
@@ -38,18 +41,18 @@ class Ledger:
             return {}
         return record if isinstance(record, dict) else {}
 
-    def is_done(self, out: Path, key: str) -> bool:
+    def is_done(self, step: Step, key: str) -> bool:
         """Whether the result is there, made by the command of that key, and as it was then (names and sizes)."""
-        entry = self.entry(out)
-        return entry.get("key") == key and entry.get("content") == state(out) != "absent"
+        entry = self.entry(step.out)
+        return entry.get("key") == key and entry.get("content") == state(step.written) != "absent"
 
-    def begin(self, out: Path, key: str) -> None:
-        """Note that a result is being made."""
-        self._write(out, {"key": key})
+    def begin(self, step: Step, key: str) -> None:
+        """Note that the result of a step is being made."""
+        self._write(step.out, {"key": key})
 
-    def done(self, out: Path, key: str) -> None:
-        """Note that a result is whole."""
-        self._write(out, {"key": key, "content": state(out)})
+    def done(self, step: Step, key: str) -> None:
+        """Note that the result of a step is whole."""
+        self._write(step.out, {"key": key, "content": state(step.written)})
 
     def _write(self, out: Path, entry: dict[str, str]) -> None:
         file = self._file(out)
@@ -80,12 +83,11 @@ class Ledger:
         save_json(Path(self.home) / FOLDER / CONTENTS, digests, force=True)
 
 
-def state(out: Path) -> str:
-    """Digest of names and sizes of a result, of the picture beside an EXR, too; "absent" where it lacks."""
-    if not out.exists():
+def state(written: Written) -> str:
+    """Digest of names and sizes of all that a step wrote; "absent" where its result lacks."""
+    if not written.files[0].exists():
         return "absent"
-    places = [out, out.with_suffix(".png")] if out.suffix == ".exr" else [out]
-    sizes = [(file.name, file.stat().st_size) for place in places for file in _files(place)]
+    sizes = [(file.name, file.stat().st_size) for place in written.there() for file in _files(place)]
     return hashlib.sha256(json.dumps(sizes).encode()).hexdigest()
 
 
@@ -107,7 +109,12 @@ def keys_of(steps: Sequence[Step], digests: dict[str, str]) -> list[str]:
 
 
 def stamp(path: Path) -> list[Any]:
-    """Size and time of change of a file, or of the files of a folder together: another stamp, another content."""
+    """Size and time of change of a file, or of the files of a folder together: another stamp, another content.
+
+    Of what is in a store: what the store says of its objects.
+    """
+    if address(path):
+        return [content(path)]
     stats = [(file.relative_to(path).as_posix(), file.stat()) for file in _files(path)]
     text = json.dumps([(name, facts.st_size, facts.st_mtime_ns) for name, facts in stats])
     return [hashlib.sha256(text.encode()).hexdigest()]

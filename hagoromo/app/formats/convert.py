@@ -17,6 +17,7 @@ from hagoromo.camera.formats.camera_file import Format as CameraFormat
 from hagoromo.camera.formats.camera_file import read_views, write_views
 from hagoromo.camera.formats.lensfun import LensCamera, camera_by_lensfun
 from hagoromo.errors import InputError
+from hagoromo.files.checks import inside
 from hagoromo.files.exif import read_exif
 from hagoromo.files.exr import read_exr, write_exr
 from hagoromo.files.picture import read_picture
@@ -30,6 +31,7 @@ from hagoromo.image.any_picture import convert_picture
 from hagoromo.image.image import read_image
 from hagoromo.image.scene_file import load_scene
 from hagoromo.image.spectral_exr import spectral_picture, write_spectral_exr
+from hagoromo.light.spectrum import OTHER_FILES
 from hagoromo.mitsuba.read import scene_from_mitsuba
 from hagoromo.mitsuba.write import write_mitsuba
 from hagoromo.photograph.gather import gather, size_of_images
@@ -38,6 +40,7 @@ from hagoromo.progress import Progress, silent
 
 BOX, SPECTRAL = ".zarr", "spectral"
 EXR_TILE = 64  # px
+FILES_OF_SPECTRA = (".csv", *OTHER_FILES)
 NEUTRAL = {"alpha": 0.25, "beta": 0.0, "gamma": 0.2, "n": 1.5, "body_colour": 1.0, "name": "neutral"}
 
 
@@ -202,13 +205,17 @@ def _volume_in(source: str | Path, out: Path, options: ConvertOptions, force: bo
 
 
 def _material(path: Path) -> dict[str, Any]:
+    """The table [material] of a TOML file; files that it names lie in its folder."""
     record = read_toml(path)
     material = record.get("material", record)
     if not isinstance(material, dict):
         raise InputError(f"{path} has no table [material]: give one as recipes have")
-    if isinstance(material.get("file"), str):
-        material = material | {"file": str(path.parent / material["file"])}
-    return material
+    named = {
+        key: str(inside(path.parent, value))
+        for key, value in material.items()
+        if isinstance(value, str) and (key == "file" or value.lower().endswith(FILES_OF_SPECTRA))
+    }
+    return material | named
 
 
 def _volume_out(source: str | Path, out: Path, options: ConvertOptions, force: bool) -> None:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from hagoromo.cluster.mapped import here_or_on
 from hagoromo.errors import InputError
 from hagoromo.files.content import content_with_named
-from hagoromo.files.film_file import check_film_name, write_film
+from hagoromo.files.film_file import check_film_name, frames_of, write_film
 from hagoromo.files.png import png_bytes, read_png
 from hagoromo.files.record import read_json, write_json, written_by
 from hagoromo.files.resumable import resumable_folder
@@ -38,7 +38,6 @@ MOST_FRAMES = 100_000
 METERED_WALKS = 16  # through a pixel of such a frame
 METERED_FRAMES, METERED_SIDE = 8, 64  # frames, and px of their longer side, by which a film is exposed
 RECORD = "film.json"
-FRAMES = "_frames"  # of the folder beside a film
 
 
 @dataclass(frozen=True)
@@ -113,7 +112,7 @@ def film(
         check_film_name(film_file)
         replaceable_file(film_file, force)
     order = _ordered(path, settings, turn, rate, mode)
-    folder = target if film_file is None else target.with_name(target.stem + FRAMES)
+    folder = target if film_file is None else frames_of(film_file)
     rendered = 0
     tidied(folder)  # as a process may have been killed after it put the frames there
     if film_file is None or not _is_film(folder, order):

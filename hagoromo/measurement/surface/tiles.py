@@ -8,7 +8,6 @@ coarse surface.
 
 from __future__ import annotations
 
-import pickle
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -20,6 +19,7 @@ from numpy.typing import NDArray
 from hagoromo.camera.camera import Camera
 from hagoromo.cluster.cluster import Here, Workers
 from hagoromo.errors import InputError
+from hagoromo.files.array_tree import read_tree, write_tree
 from hagoromo.measurement.normals.gloss_choice import BY_EVIDENCE, GlossModel
 from hagoromo.measurement.normals.highlight_check import angles
 from hagoromo.measurement.normals.lobe_fit import LOBE_PIXELS, FoundLobes, find_lobes, fit_with, with_bodies
@@ -101,7 +101,14 @@ def solve_coarse(
     return _with_lobes(store, Coarse(capture, normal_map, surface))
 
 
-Shared: TypeAlias = "tuple[TileStore, Coarse] | str"  # what all tiles need, or the file that has it
+class Known(NamedTuple):
+    """What all tiles need."""
+
+    store: TileStore
+    coarse: Coarse
+
+
+Shared: TypeAlias = "Known | str"  # or the file that has it
 
 
 class Solved(NamedTuple):
@@ -139,7 +146,7 @@ def solve_tiles(
         np.zeros(size, bool),
     )
     known = tiles or range(store.count)
-    shared: Shared = (store, coarse) if workers is None else _shared_file(store, coarse)
+    shared: Shared = Known(store, coarse) if workers is None else _shared_file(Known(store, coarse))
     runner = workers or Here()
     for done, (_, solved) in enumerate(runner.results(_solve_tile, ((shared, tile) for tile in known)), 1):
         progress(0.7 * done / len(known), f"normals of tile {done} of {len(known)}")
@@ -167,21 +174,21 @@ def _put(fine: Fine, solved: Solved) -> None:
     fine.labels[place] = solved.labels
 
 
-def _shared_file(store: TileStore, coarse: Coarse) -> str:
-    """A file beside the tiles with what all workers need; its path. The scratch folder is this user's alone."""
-    path = store.path.with_name("shared")
-    path.write_bytes(pickle.dumps((store, coarse)))
+def _shared_file(known: Known) -> str:
+    """A file beside the tiles with what all workers need; its path."""
+    path = known.store.path.with_name("shared")
+    write_tree(path, known)
     return str(path)
 
 
 @lru_cache(maxsize=1)
-def _from_file(path: str) -> tuple[TileStore, Coarse]:
+def _from_file(path: str) -> Known:
     if not Path(path).is_file():
         raise InputError(f"a worker does not see {path}: write to a folder that all workers share")
-    return pickle.loads(Path(path).read_bytes())
+    return read_tree(Path(path), Known)
 
 
-def _known(shared: Shared) -> tuple[TileStore, Coarse]:
+def _known(shared: Shared) -> Known:
     return _from_file(shared) if isinstance(shared, str) else shared
 
 
