@@ -64,6 +64,46 @@ def test_the_error_that_was_asked_for_is_met(draw, error):
     assert abs(mean.mean() - 1.0) < 3.0 * mean.std() / math.sqrt(len(mean))
 
 
+def outlines():
+    """Coverage of a disk with a soft rim, down to nothing."""
+    y, x = np.mgrid[:SIDE, :SIDE] - SIDE / 2 + 0.5
+    return np.clip(13.3 - np.hypot(x, y), 0.0, 1.0) ** 2
+
+
+def barbs():
+    """Coverage of thin threads, each with a faint edge that most walks miss."""
+    x = np.broadcast_to(np.arange(SIDE) % 5, (SIDE, SIDE))
+    cover = np.where(x < 1, 0.5, np.where(x < 2, 0.02, 0.0))
+    cover[:, :8] = cover[:5] = 0.0
+    return cover
+
+
+def rim_picture(cover, draw, seed, error):
+    """A picture of matter that walks hit by chance: its error where there is matter, and its mean over the truth."""
+    random, sums, chance = np.random.default_rng(seed), sums_of_picture(), cover.ravel()
+    stop = Stop(Settings(error=error), 1.0)
+    while stop.goes_on(sums):
+        for pixels, count in sums.launches(1 << 16):
+            hit = random.random((len(pixels), count)) < chance[pixels, None]
+            values = hit * draw(random, np.ones(len(pixels)), count)
+            sums.add(pixels, np.stack([values, hit], axis=-1).astype(np.float32))
+    seen, matter = sums.mean()[0][..., 0].ravel(), chance > 0.0
+    off = np.sqrt(np.mean((seen - chance)[matter] ** 2)) / chance[matter].mean()
+    return off, seen[matter].mean() / chance[matter].mean()
+
+
+@pytest.mark.parametrize(("cover", "draw", "error"), [(outlines, even, 0.1), (barbs, even, 0.2), (barbs, wide, 0.3)])
+def test_the_error_is_met_where_first_walks_miss_the_matter(cover, draw, error):
+    """In 19 of 20 pictures: pixels that 16 walks have missed get walks, and a part of the error.
+
+    Of the sums of before, which left such pixels out, no picture of the barbs held, and their mean was 3 % low. Walks
+    by the noise that was found cost a bias of 0.2 % still; it is held below 1 %.
+    """
+    results = np.array([rim_picture(cover(), draw, seed, error) for seed in range(20)])
+    assert (results[:, 0] <= error).sum() >= 19
+    assert abs(results[:, 1].mean() - 1.0) < 0.01
+
+
 def test_walks_go_where_the_noise_is():
     _, _, walks = picture(even, 3, 0.03)
     dark, dull, bright = walks[:TILE, :TILE], walks[2 * TILE :, :TILE], walks[:, 2 * TILE :]
