@@ -17,7 +17,7 @@ import struct
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -101,6 +101,14 @@ def read_apart(
     return arrays
 
 
+def prepare(*modules: str) -> None:
+    """Start a process that waits, unless there is one, and have it load modules, while this one does something else."""
+    with _lock:
+        if any(each.owner == os.getpid() for each in _idle):
+            return
+    _give_back(_started(json.dumps(sys.path), modules), True)
+
+
 def _asked(helper: Helper, task: bytes, seconds: float) -> tuple[dict[str, Any], Arrays]:
     """What the process answers, and the arrays; any of several exceptions where it dies, or what it says is wrong."""
     to, back = helper.process.stdin, helper.process.stdout
@@ -155,12 +163,12 @@ def _taken() -> Helper:
     return _started(places)
 
 
-def _started(places: str) -> Helper:
+def _started(places: str, modules: Sequence[str] = ()) -> Helper:
     ours, theirs = socket.socketpair() if hasattr(os, "memfd_create") else (None, None)
     number = [] if theirs is None else [theirs.fileno()]
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
     process = subprocess.Popen(
-        [sys.executable, "-c", START, places, *map(str, number)],
+        [sys.executable, "-c", START, places, str(number[0]) if number else "", *modules],
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, pass_fds=number, env=environment,
     )  # fmt: skip
     if theirs is not None:

@@ -11,6 +11,7 @@ import signal
 import socket
 import sys
 import time
+from contextlib import suppress
 from functools import lru_cache, reduce
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -27,13 +28,19 @@ LARGEST_IDLE = 1 << 29  # bytes of memory: what has more after a file is not kep
 
 
 def serve() -> None:
-    """Answer what is asked on standard input, on standard output; nothing else is read or written there."""
-    channel = socket.socket(fileno=int(sys.argv[2])) if len(sys.argv) > 2 else None
+    """Answer what is asked on standard input, on standard output; nothing else is read or written there.
+
+    Arguments: the channel's file descriptor, or an empty text; modules to load meanwhile.
+    """
+    channel = socket.socket(fileno=int(sys.argv[2])) if sys.argv[2] else None
     asked, out = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
     nowhere = os.open(os.devnull, os.O_RDWR)
     for stream in (0, 1, 2):
         os.dup2(nowhere, stream)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that asks: it ends this one
+    for module in sys.argv[3:]:
+        with suppress(ImportError):
+            __import__(module)
     while len(head := asked.read(HEADER.size)) == HEADER.size:
         _answer(json.loads(asked.read(HEADER.unpack(head)[0])), out, channel)
 

@@ -37,8 +37,8 @@ MOST_COEFFICIENTS = 14  # OpenCV's; those behind the eighth are thin prisms and 
 def read_opencv(path: str | Path, size: tuple[int, int] | None = None) -> dict[str, Camera]:
     """Views, image file (or index) → camera; one named "" where the file has intrinsics only.
 
-    Parsed in a process apart. size: (width, height) [px], for a file that does not tell it. `InputError` for a file that
-    is no FileStorage, lacks the camera or has a lens that the eight coefficients do not hold.
+    Parsed in a process apart. size: (width, height) [px], for a file that does not tell it. `InputError` for a file
+    that is no FileStorage, lacks the camera or has a lens that the eight coefficients do not hold.
     """
     source = sized_file(path, LARGEST, "a file of cameras")
     require(GROWTH * source.stat().st_size, str(source))
