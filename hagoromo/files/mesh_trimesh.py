@@ -1,6 +1,6 @@
 """Meshes by trimesh, as arrays; run by `read_apart`. Archives are not opened, nor textures, nor addresses.
 
-A glTF may name files of its own folder. Of an OBJ with parts the library of materials is one that has their names alone.
+A glTF may name files of its own folder. The library of materials of an OBJ with parts is one that has names alone.
 """
 
 from __future__ import annotations

@@ -153,7 +153,7 @@ def _channel(
 
 
 def vertex_colours(stored: NDArray[Any] | None) -> Array | None:
-    """Linear R, G, B (n, 3), 0…1, of the colours (n, 3 or 4) of the vertices of a glTF, as it has them; None for none."""
+    """Linear R, G, B (n, 3), 0…1, of the colours (n, 3 or 4) of vertices as a glTF has them; None for none."""
     if stored is None or stored.shape[1] < 3:
         return None
     values, whole = stored[:, :3], stored.dtype.kind == "u"
