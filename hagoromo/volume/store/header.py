@@ -95,16 +95,16 @@ def header_of(box: VolumeBox) -> BoxHeader:
 
 
 def header_from_record(record: Any, where: str) -> BoxHeader:
-    """The header of a record that came from `where`, without its texel; `InputError` where it is none."""
+    """The header of a record that came from the folder `where`, without its texel; `InputError` where it is none."""
     if record is None:
         raise InputError(f"{where} is a Zarr group without the attribute 'hagoromo': it is no volume box")
     given = decode(record, BoxRecord, where)
     return BoxHeader(
         given.voxel_size,
         given.tau,
-        tuple(reflectance_from_record(m, f"{where}: material {k}") for k, m in enumerate(given.materials)),
+        tuple(reflectance_from_record(m, f"{where}: material {k}", where) for k, m in enumerate(given.materials)),
         rigid_pose(np.reshape(given.pose, (4, 4)), f"the pose of {where}"),
-        tuple(Spectrum.load(spectrum) for spectrum in given.basis),
+        tuple(Spectrum.load(spectrum, where) for spectrum in given.basis),
         given.name,
         given.provenance,
         band=given.band,
