@@ -22,8 +22,10 @@ from hagoromo.files.apart import read_apart
 from hagoromo.files.checks import sized_file
 from hagoromo.files.memory import require
 from hagoromo.files.names import reason
+from hagoromo.files.record import read_json_table
 from hagoromo.files.whole import write_text
 
+START = 64  # bytes of a file that tell whether it is JSON
 LARGEST = 64 * 2**20  # bytes; cameras take far less
 GROWTH = 30.0  # memory of the nodes of a file, in its sizes
 MATRIX = ("camera_matrix", "cameraMatrix", "Camera_Matrix", "K")
@@ -42,7 +44,21 @@ def read_opencv(path: str | Path, size: tuple[int, int] | None = None) -> dict[s
     """
     source = sized_file(path, LARGEST, "a file of cameras")
     require(GROWTH * source.stat().st_size, str(source))
+    _check_json(source)
     return _views(read_apart(nodes_by_opencv, source, "OpenCV's YAML or JSON"), size, str(path))
+
+
+def _check_json(source: Path) -> None:
+    """`InputError` where a file of JSON has true or false for a number: OpenCV takes them for 1 and 0."""
+    with source.open("rb") as file:
+        if not file.read(START).lstrip().startswith(b"{"):
+            return
+    record = read_json_table(source)
+    for key in (*MATRIX, *DISTORTION, *POSES, *NUMBERS):
+        table = record.get(key)
+        held = [table, *table.values()] if isinstance(table, dict) else [table]
+        if any(isinstance(value, bool) for each in held for value in (each if isinstance(each, list) else [each])):
+            raise InputError(f"{source}: {key} has true or false where a number must be: correct it")
 
 
 def nodes_by_opencv(path: Path) -> dict[str, NDArray[Any]]:

@@ -95,7 +95,10 @@ def header_of(box: VolumeBox) -> BoxHeader:
 
 
 def header_from_record(record: Any, where: str) -> BoxHeader:
-    """The header of a record that came from the folder `where`, without its texel; `InputError` where it is none."""
+    """The header of a record that came from the folder `where`, without its texel; `InputError` where it is none.
+
+    A spectrum that it names by its file lies in that folder.
+    """
     if record is None:
         raise InputError(f"{where} is a Zarr group without the attribute 'hagoromo': it is no volume box")
     given = decode(record, BoxRecord, where)
