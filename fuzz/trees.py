@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import tomllib
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -68,14 +69,26 @@ def toml_text(tree: dict[str, Any]) -> bytes:
 
 def changed(tree: Any, random: Random) -> Any:
     """The tree with one node replaced, removed, renamed or doubled."""
-    paths = list(_paths(tree))
+    paths = [path for path, _ in nodes_of(tree)]
     path = paths[int(random.integers(len(paths)))]
     return _with(tree, path, int(random.integers(10)), random)
 
 
-def _paths(tree: Any, path: Path = ()) -> list[Path]:
+def nodes_of(tree: Any, path: Path = ()) -> Iterator[tuple[Path, Any]]:
+    """The path and the value of every node, the root first."""
+    yield path, tree
     children = tree.items() if isinstance(tree, dict) else enumerate(tree) if isinstance(tree, list) else ()
-    return [path, *(below for key, value in children for below in _paths(value, (*path, key)))]
+    for key, value in children:
+        yield from nodes_of(value, (*path, key))
+
+
+def with_node(tree: Any, path: Path, value: Any) -> Any:
+    """The tree with `value` at a path."""
+    if not path:
+        return value
+    copy = tree.copy()
+    copy[path[0]] = with_node(tree[path[0]], path[1:], value)
+    return copy
 
 
 def _with(tree: Any, path: Path, act: int, random: Random) -> Any:

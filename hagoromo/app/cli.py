@@ -398,14 +398,15 @@ def compare(
 
 
 @verb(verbs)
-def info(file: Positional[Path]) -> None:
-    """Print the contents of a file or folder.
+def info(file: Positional[Path], decode: bool = False) -> None:
+    """Print the contents of a file or folder. Of pictures and volumes only the headers are read.
 
     Args:
         file: capture, box.zarr, EXR, PNG, JPEG, scene or matter TOML, materials.json, spectrum CSV, cameras (JSON,
             YAML, _par.txt, COLMAP).
+        decode: decode the pixels or voxels, too: prints their range, of camera RAW the mosaic and its levels.
     """
-    for key, value in hg.info(file).items():
+    for key, value in hg.info(file, decode).items():
         say(f"{key}: {value if isinstance(value, str) else finite_json(value, key)}")
 
 

@@ -9,60 +9,38 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
+from hagoromo.app import pixel_facts
 from hagoromo.app.formats.find import format_of
 from hagoromo.app.formats.table import MITSUBA
+from hagoromo.app.pixel_facts import Facts, decoded
 from hagoromo.calibration.camera.calibrate_camera import NAMES
 from hagoromo.camera.formats.camera_file import NERFSTUDIO, read_views, transforms_in
 from hagoromo.camera.formats.lensfun import names_in_lensfun
 from hagoromo.camera.formats.opencv_file import MATRIX
 from hagoromo.errors import InputError
-from hagoromo.files.exif import read_exif
-from hagoromo.files.exr import read_exr
 from hagoromo.files.mesh import read_mesh
-from hagoromo.files.picture import read_picture
-from hagoromo.files.raw import read_raw
 from hagoromo.files.record import read_json, read_toml
 from hagoromo.files.table import read_table
-from hagoromo.files.tiff import read_tiff
 from hagoromo.files.usd_parts import read_usd
-from hagoromo.files.volumes.formats import read_volume
-from hagoromo.image.image import read_image
-from hagoromo.image.sums_channels import NAME as CHANNEL_OF_SUMS
 from hagoromo.light.lamp_profile import LampProfile
 from hagoromo.light.spectrum_file import read_spectrum_file
 from hagoromo.mitsuba.xml_tree import read_xml
 from hagoromo.photograph.capture import count_absent
 from hagoromo.photograph.lamp_files import load_lamps
 
-Facts = dict[str, Any]
 MATERIAL_FIELDS = ("element", "alpha", "beta", "gamma", "nu", "n", "body_colour", "identifiable")
 
 
-def info(path: str | Path) -> Facts:
-    """Facts about `path`, name → text or plain numbers, its type first.
+def info(path: str | Path, decode: bool = False) -> Facts:
+    """Facts about `path`, name → text or plain numbers, its type first. Of pictures and volumes only headers are read.
 
-    `InputError` if it does not exist, is of unknown type, or cannot be read as the type that its name states.
+    decode: also decode the pixels or voxels: their range, of camera RAW the mosaic and its levels. `InputError` if it
+    does not exist, is of unknown type, or cannot be read as the type that its name states.
     """
     path = Path(path)
     found = format_of(path)
-    return FACTS.get(found.name, FACTS_OF_KIND.get(found.holds, _picture))(path)
-
-
-def _volume(path: Path) -> Facts:
-    volume = read_volume(path)
-    edges, values = volume.edges, volume.values
-    place = {} if volume.matrix is None else {"matrix": volume.matrix.tolist()}
-    return {
-        "kind": "volume",
-        "voxels": list(values.shape[2::-1]),
-        "components": 1 if values.ndim == 3 else values.shape[3],
-        "type": str(values.dtype),
-        "voxel_size": None if edges is None else edges.tolist(),
-        "range": [float(np.nanmin(values)), float(np.nanmax(values))],
-        **place,
-    }
+    facts = (FACTS.get(found.name) or FACTS_OF_KIND[found.holds])(path)
+    return facts | decoded(found.name, found.holds, path) if decode else facts
 
 
 def _spectrum(path: Path) -> Facts:
@@ -121,16 +99,6 @@ def _box(path: Path) -> Facts:
     }
 
 
-def _exr(path: Path) -> Facts:
-    channels, metadata = read_exr(path)
-    height, width = next(iter(channels.values())).shape
-    shown = {name: values for name, values in channels.items() if not CHANNEL_OF_SUMS.fullmatch(name)}
-    ranges = {name: [float(np.nanmin(values)), float(np.nanmax(values))] for name, values in shown.items()}
-    lamps = {"lamps": list(read_image(path).lamp_names)} if "palette" in metadata else {}
-    texts = {k: _short(v) for k, v in metadata.items()}
-    return {"kind": "EXR image", "size": [width, height], **lamps, **ranges, **texts}
-
-
 def _ies(path: Path) -> Facts:
     profile = LampProfile.from_ies(path)
     angles = {key: [float(a[0]), float(a[-1]), len(a)] for key, a in
@@ -138,41 +106,6 @@ def _ies(path: Path) -> Facts:
     peak = profile.peak_candela or 0.0
     lumens = peak * profile.solid_angle()
     return {"kind": "IES profile", **angles, "peak_candela": peak, "lumens": lumens, **profile.keywords}
-
-
-def _picture(path: Path) -> Facts:
-    image = read_picture(path)
-    channels = 1 if image.ndim == 2 else image.shape[2]
-    size = [image.shape[1], image.shape[0]]
-    return {
-        "kind": "picture",
-        "size": size,
-        "channels": channels,
-        "bits": 8 * image.itemsize,
-        "range": [int(image.min()), int(image.max())],
-        **_exposure_facts(path),
-    }
-
-
-def _raw(path: Path) -> Facts:
-    shot = read_raw(path)
-    exif = {key: value for key, value in asdict(shot.exif).items() if value}
-    levels = {"black": np.unique(shot.black).tolist(), "white": shot.white}
-    size = [shot.numbers.shape[1], shot.numbers.shape[0]]
-    return {"kind": "camera RAW", "size": size, "mosaic": shot.mosaic, **levels, **exif}
-
-
-def _tiff(path: Path) -> Facts:
-    image = read_tiff(path)
-    size, channels = [image.shape[1], image.shape[0]], 1 if image.ndim == 2 else image.shape[2]
-    span = [float(image.min()), float(image.max())]
-    figures = {"size": size, "channels": channels, "bits": 8 * image.itemsize, "range": span}
-    return {"kind": "TIFF", **figures, **_exposure_facts(path)}
-
-
-def _exposure_facts(path: Path) -> Facts:
-    """The EXIF settings of the exposure."""
-    return {key: value for key, value in asdict(read_exif(path)).items() if value}
 
 
 def _toml(path: Path) -> Facts:
@@ -263,20 +196,18 @@ def _usd(path: Path) -> Facts:
 
 
 FACTS: dict[str, Callable[[Path], Facts]] = {
+    **pixel_facts.HEADERS,
     "volume box": _box,
     "capture": _transforms,
     "materials, camera, lamps": _json,
     NERFSTUDIO: _transforms,
-    "OpenEXR": _exr,
     MITSUBA: _mitsuba,
     "USD": _usd,
-    "TIFF": _tiff,
-    "camera RAW": _raw,
     "IES LM-63": _ies,
     "lensfun": _lenses,
     "RTI dome .lp": lambda path: {"kind": "lamps", "lamps": len(load_lamps(path))},
 }
 FACTS_OF_KIND: dict[str, Callable[[Path], Facts]] = {
-    "volume": _volume, "surface": _surface, "scene": _surface, "spectrum": _spectrum,
-    "cameras": _cameras, "picture": _picture, "matter": _toml, "table": _csv,
+    "volume": pixel_facts.volume, "surface": _surface, "scene": _surface, "spectrum": _spectrum,
+    "cameras": _cameras, "matter": _toml, "table": _csv,
 }  # fmt: skip

@@ -69,8 +69,13 @@ def inverse_pose(pose: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _is_matrix(matrix: ArrayLike) -> bool:
+    """Whether all its entries are numbers; true and false, which NumPy takes for 1 and 0, are none."""
     try:
         np.asarray(matrix, np.float64)
+        if isinstance(matrix, (list, tuple)) and any(
+            isinstance(entry, bool) for row in matrix for entry in (row if isinstance(row, (list, tuple)) else [row])
+        ):
+            return False
     except (TypeError, ValueError, OverflowError):
         return False
     return True

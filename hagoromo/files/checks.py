@@ -17,6 +17,8 @@ KINDS = (
     (stat.S_ISCHR, "a device"),
     (stat.S_ISBLK, "a device"),
 )
+DEFLATE = 1032.0  # bytes that one packed byte stands for, at most (zlib, "Technical Details")
+PACKED = 2048.0  # the same, of the packings of pictures and volumes: LZW 1340, JPEG 512 pixels
 ALLOWED = "HAGOROMO_ALLOW"  # environment: folders, between os.pathsep, whose files may be named from elsewhere
 AT_ONCE = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)  # a pipe without a writer would block for ever
 
@@ -95,6 +97,17 @@ def sized_file(path: str | Path, most: int, what: str) -> Path:
     if size > most:
         raise InputError(f"{file} has {size} bytes, {what} {most} at most: give another")
     return file
+
+
+def check_density(stated: float, file: Path, most: float, what: str) -> None:
+    """Raise `InputError` where a file states more than it can hold, whatever its header says.
+
+    stated: bytes (or pixels) that it shall unpack to. most: of them for each of its bytes, as its packing can hold.
+    what: stated in words.
+    """
+    size = file.stat().st_size
+    if stated > most * size:
+        raise InputError(f"{file} states {what} and has {size} bytes, too few for them: it is damaged, copy it again")
 
 
 def read_bytes(path: str | Path, growth: float = 1.0) -> bytes:

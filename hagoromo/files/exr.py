@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
 from hagoromo.files.apart import read_apart
-from hagoromo.files.checks import existing_file, read_bytes
+from hagoromo.files.checks import PACKED, check_density, existing_file, read_bytes
 from hagoromo.files.exr_lines import MAGIC, Layout, Part, read_layout, read_lines
 from hagoromo.files.finite import check_finite
 from hagoromo.files.memory import require
@@ -23,6 +23,7 @@ from hagoromo.files.whole import check_written, whole_file
 
 HEADER_BYTES = 1 << 18  # first bytes of a file that are read for its header alone
 LINES_TOGETHER = 16  # that ZIP packs
+LEAST_BYTES = 2.0  # of a sample in the file, a half float
 BYTES_PER_SAMPLE = 8.0  # as the file has it, up to 4, and as float32
 PREFIX = "channel "  # of names of channels among those of arrays
 
@@ -112,12 +113,17 @@ def _text(file: BinaryIO) -> bytes:
 
 def read_header(path: str | Path) -> dict[str, str]:
     """The text metadata of the first part; `InputError` if the file is missing or not an EXR."""
+    return exr_header(path).texts
+
+
+def exr_header(path: str | Path) -> Part:
+    """The header of the first part; `InputError` if the file is missing, not an EXR, or too small for its pixels."""
     with existing_file(path).open("rb") as file:
         start = file.read(HEADER_BYTES)
     if len(start) == HEADER_BYTES and start.startswith(MAGIC):
         with suppress(Exception):  # a header that is longer, or damaged: the whole file tells
-            return read_layout(start).parts[0].texts
-    return _layout(path)[1].parts[0].texts
+            return _checked(read_layout(start), path).parts[0]
+    return _layout(path)[1].parts[0]
 
 
 def read_exr(path: str | Path) -> tuple[dict[str, NDArray[np.float32]], dict[str, str]]:
@@ -159,4 +165,12 @@ def _layout(path: str | Path) -> tuple[bytes, Layout]:
     if not data.startswith(MAGIC):
         raise InputError(f"{path} is not an EXR file: give an EXR")
     with reading(path, "EXR"):
-        return data, read_layout(data)
+        return data, _checked(read_layout(data), path)
+
+
+def _checked(layout: Layout, path: str | Path) -> Layout:
+    """`layout`; `InputError` where its pixels are more than the bytes of the file can hold."""
+    for part in layout.parts:
+        samples = float(part.width) * part.height * len(part.channels)
+        check_density(LEAST_BYTES * samples, Path(path), PACKED, f"{part.width} × {part.height} pixels")
+    return layout

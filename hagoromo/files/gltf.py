@@ -6,7 +6,6 @@ Files that it names are those of its folder; addresses are not opened.
 from __future__ import annotations
 
 import base64
-import json
 import struct
 from collections import deque
 from collections.abc import Iterator, Mapping
@@ -18,23 +17,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.files.checks import inside, read_bytes, sized_file
+from hagoromo.files.gltf_record import MOST_NODES, WIDTHS, checked
 
 SUFFIXES = (".glb", ".gltf")
 START = struct.Struct("<4sIIII")  # of a binary one: magic, version, length, length and type of its JSON
 CHUNK = 8  # bytes before the content of a part: its length and type
+MAGIC = b"glTF"
 LARGEST_FILE = 1 << 32  # [byte]
-MOST_NODES = 1 << 16  # places at which meshes and lines may stand
 NUMBERS = {5121: np.uint8, 5123: np.uint16, 5125: np.uint32, 5126: np.float32}
-WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 Matrix = NDArray[np.float64]
 
 
-def gltf_record(data: bytes, suffix: str) -> Any:
-    """The JSON of a glTF from its bytes; any exception where they are damaged."""
+def gltf_record(data: bytes, suffix: str, where: str) -> dict[str, Any]:
+    """The JSON of a glTF from its bytes, checked; `InputError` and others where they are damaged."""
     if suffix == ".glb":
-        length = START.unpack_from(data)[3]
+        magic, _, _, length, _ = START.unpack_from(data)
+        if magic != MAGIC:
+            raise ValueError("it does not begin as a .glb")
         data = data[START.size : START.size + length]
-    return json.loads(data)
+    return checked(data, where)
 
 
 def buffer_bytes(path: Path, record: Mapping[str, Any], number: int) -> bytes:

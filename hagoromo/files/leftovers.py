@@ -81,11 +81,21 @@ def finish(work: Path) -> None:
     listed = work / COMMIT
     if not listed.is_file():
         return
-    for name in json.loads(listed.read_text(encoding="utf-8")):
+    for name in _listed(listed):
         if (work / name).is_file():
             os.replace(work / name, work.with_name(name))
     sync_one(work.parent)
     listed.unlink()
+
+
+def _listed(commit: Path) -> list[str]:
+    """The names in a list of `commit`; none of a damaged one, or one that names other folders."""
+    try:
+        names = json.loads(commit.read_text(encoding="utf-8"))
+    except (ValueError, RecursionError):
+        return []
+    named = [name for name in names if isinstance(name, str)] if isinstance(names, list) else []
+    return [name for name in named if name not in ("", ".", "..") and Path(name).name == name and "\0" not in name]
 
 
 def remove_work(work: Path) -> None:

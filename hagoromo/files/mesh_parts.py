@@ -6,22 +6,18 @@ Their colours, textures and libraries (`.mtl`) are not read.
 
 from __future__ import annotations
 
-import io
-import re
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
-from hagoromo.files.checks import read_bytes, sized_file
-from hagoromo.files.mesh import GROWTH, LARGEST_MESH, read_gltf, read_mesh, uv_of
-from hagoromo.files.reading import reading
-from hagoromo.files.silence import trimesh_silenced
-
-USED = re.compile(rb"^\s*usemtl[ \t]+(\S[^\r\n]*)", re.MULTILINE)  # of an OBJ
-LIBRARY = "materials"  # what the OBJ that trimesh is given calls its library
+from hagoromo.files.checks import sized_file
+from hagoromo.files.gltf import SUFFIXES
+from hagoromo.files.memory import require
+from hagoromo.files.mesh import GROWTH, parts_apart, read_gltf, read_mesh, uv_of
+from hagoromo.files.mesh_trimesh import LARGEST_MESH
 
 
 class MeshParts(NamedTuple):
@@ -40,58 +36,26 @@ class MeshParts(NamedTuple):
 def read_parts(path: str | Path) -> MeshParts:
     """The mesh in a file with its materials and its UV map; `InputError` as of `read_mesh`."""
     suffix = Path(path).suffix.lower()
-    if suffix in (".glb", ".gltf"):
-        scene = read_gltf(path)[1]
-    elif suffix == ".obj":
-        scene = _obj(path)
+    if suffix == ".obj":
+        file = sized_file(path, LARGEST_MESH, "a mesh file")
+        require(GROWTH[suffix] * file.stat().st_size, str(file))
+        parts = parts_apart(file)
+    elif suffix in SUFFIXES:
+        parts = read_gltf(path)[1]
     else:
         return _of_colours(path, suffix)
-    pieces, names = [], {}
-    for node in scene.graph.nodes_geometry:
-        place, name = scene.graph[node]
-        mesh = scene.geometry[name]
-        if hasattr(mesh, "faces") and len(mesh.faces):
-            used = str(getattr(getattr(mesh.visual, "material", None), "name", None) or "")
-            pieces.append((mesh.copy().apply_transform(place), names.setdefault(used, len(names))))
-    if not pieces:
+    if not parts:
         raise InputError(f"{path} holds no triangles: give a mesh (PLY, OBJ, STL, GLB, …)")
-    starts = np.cumsum([0, *(len(mesh.vertices) for mesh, _ in pieces)])
-    uvs = [uv_of(mesh) for mesh, _ in pieces]
+    names = list(dict.fromkeys(part.material for part in parts))
+    starts = np.cumsum([0, *(len(part.vertices) for part in parts)])
+    uvs = [part.uv for part in parts]
     return MeshParts(
-        np.concatenate([np.asarray(mesh.vertices, float) for mesh, _ in pieces]),
-        np.concatenate([np.asarray(mesh.faces) + start for (mesh, _), start in zip(pieces, starts, strict=False)]),
-        np.repeat([number for _, number in pieces], [len(mesh.faces) for mesh, _ in pieces]),
+        np.concatenate([part.vertices for part in parts]),
+        np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=False)]),
+        np.repeat([names.index(part.material) for part in parts], [len(part.faces) for part in parts]),
         tuple(names),
         None if any(uv is None for uv in uvs) else np.concatenate([uv for uv in uvs if uv is not None]),
     )
-
-
-def _obj(path: str | Path) -> Any:
-    """The `trimesh.Scene` of an OBJ: a part for each `usemtl`. Its library is one that has the names alone."""
-    import trimesh
-    from trimesh.resolvers import Resolver
-
-    data = read_bytes(sized_file(path, LARGEST_MESH, "a mesh file"), GROWTH[".obj"])
-
-    class Names(Resolver):
-        def __init__(self) -> None:
-            pass
-
-        def get(self, key: str) -> bytes:
-            return b"".join(b"newmtl %s\n" % name.strip() for name in dict.fromkeys(USED.findall(data)))
-
-        def keys(self) -> tuple[str, ...]:
-            return ()
-
-        def write(self, name: str, data: Any) -> None:
-            raise InputError(f"{name} is not written: a mesh is only read")
-
-        def namespaced(self, namespace: str) -> Any:
-            return self
-
-    with reading(path, "a mesh"), trimesh_silenced():
-        text = f"mtllib {LIBRARY}\n".encode() + data
-        return trimesh.load_scene(io.BytesIO(text), file_type="obj", resolver=Names(), process=False)
 
 
 def _of_colours(path: str | Path, suffix: str) -> MeshParts:

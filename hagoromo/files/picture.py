@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -11,7 +10,7 @@ from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
 from hagoromo.files import jpeg, png
-from hagoromo.files.checks import existing_file, inside, read_bytes
+from hagoromo.files.checks import existing_file, inside
 from hagoromo.files.tiff import read_tiff
 
 TIFF_STARTS = (b"II*\0", b"MM\0*")
@@ -52,12 +51,12 @@ def picture_size(path: str | Path) -> tuple[int, int]:
     """
     source = existing_file(path)
     with source.open("rb") as file:
-        start = file.read(24)
-    if start.startswith(png.SIGNATURE) and len(start) == 24:
-        width, height = struct.unpack(">II", start[16:])  # of IHDR, the first chunk
-        return height, width
+        start = file.read(len(png.SIGNATURE))
+    if start.startswith(png.SIGNATURE):
+        header = png.png_header(source)
+        return header.height, header.width
     if start.startswith(jpeg.START):
-        return jpeg.frame_header(read_bytes(source), source)[:2]
+        return jpeg.frame_header(source)[:2]
     raise InputError(f"{source} is neither PNG nor JPEG: convert it")
 
 

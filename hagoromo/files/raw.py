@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -11,7 +13,7 @@ from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
 from hagoromo.files.apart import read_apart
-from hagoromo.files.checks import existing_file
+from hagoromo.files.checks import check_density, existing_file
 from hagoromo.files.exif import Exif, read_exif
 from hagoromo.files.memory import require
 
@@ -20,6 +22,7 @@ RAW_SUFFIXES = tuple(
     for suffix in "dng cr2 cr3 crw nef nrw arw sr2 srf raf orf rw2 pef srw 3fr fff iiq mos mrw erf kdc dcr x3f".split()
 )
 RAW_BYTES_PER_PIXEL = 8
+MOST_PIXELS_PER_BYTE = 1024.0  # lossy JPEG in a DNG 512, lossless JPEG 8
 
 
 class Raw(NamedTuple):
@@ -52,17 +55,37 @@ def read_raw(path: str | Path) -> Raw:
     )
 
 
+def raw_size(path: str | Path) -> tuple[int, int]:
+    """(height, width) [px] of the RAW photograph at `path`; nothing is unpacked. `InputError` as of `read_raw`."""
+    height, width = read_apart(size_by_library, existing_file(path), "camera RAW")["size"].tolist()
+    return height, width
+
+
+def size_by_library(path: Path) -> dict[str, NDArray[Any]]:
+    """size: (height, width); run by `read_apart`."""
+    with _opened(path) as raw:
+        return {"size": np.array([raw.sizes.height, raw.sizes.width])}
+
+
 def raw_by_library(path: Path) -> dict[str, NDArray[Any]]:
     """The fields of a `Raw`, and the settings that LibRaw knows; run by `read_apart`, because LibRaw prints."""
+    with _opened(path) as raw:
+        require(float(RAW_BYTES_PER_PIXEL) * raw.sizes.raw_height * raw.sizes.raw_width, str(path))
+        raw.unpack()
+        return _fields(raw, path)
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    """The file, whose size is checked."""
     import rawpy
 
     try:
         with rawpy.RawPy() as raw:
             raw.open_file(str(path))
-            sizes = raw.sizes
-            require(float(RAW_BYTES_PER_PIXEL) * sizes.raw_height * sizes.raw_width, str(path))
-            raw.unpack()
-            return _fields(raw, path)
+            height, width = raw.sizes.raw_height, raw.sizes.raw_width
+            check_density(float(height) * width, path, MOST_PIXELS_PER_BYTE, f"{width} × {height} pixels")
+            yield raw
     except rawpy.LibRawError as error:
         text = error.args[0] if error.args else ""
         text = text.decode("utf-8", "replace") if isinstance(text, bytes) else str(text)

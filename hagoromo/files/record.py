@@ -214,6 +214,19 @@ def read_json(path: str | Path) -> Any:
     return json_value(read_bytes(sized_file(path, LARGEST_JSON, "a JSON file"), JSON_GROWTH), str(path))
 
 
+def read_json_table(path: str | Path) -> dict[str, Any]:
+    """The table of keys in a JSON file, as `read_json`; `InputError` also where the file holds something else."""
+    record = read_json(path)
+    if not isinstance(record, dict):
+        raise InputError(f"{path} must hold a table of keys: given {type(record).__name__}")
+    return record
+
+
+def is_number(value: Any) -> bool:
+    """Whether a value of plain data is a finite number; true and false, which Python takes for 1 and 0, are none."""
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+
+
 def json_value(text: bytes | str, where: str) -> Any:
     """The value of a JSON text that came from `where`; `InputError` as `read_json`."""
     try:

@@ -27,7 +27,7 @@ from hagoromo.files.checks import existing_folder
 from hagoromo.files.memory import require
 from hagoromo.files.names import reason
 from hagoromo.files.reading import reading
-from hagoromo.files.record import JSON_GROWTH
+from hagoromo.files.record import JSON_GROWTH, json_value
 from hagoromo.files.stores import address, check_reached, object_size, read_whole, sizes, zarr_store
 
 CODECS = (
@@ -173,15 +173,22 @@ def _files(folder: Path) -> set[str]:
 
 
 def _check_metadata(folder: Path, places: tuple[str, ...], files: set[str]) -> None:
-    """InputError for a description of an array or group that is too large to be read."""
+    """InputError for a description of an array or group that is too large, no table, or has true for a number."""
     for name in (place + name for place in places for name in METADATA):
         if name in files:
-            size = object_size(folder / name)
+            where, size = str(folder / name), object_size(folder / name)
             if size > LARGEST_METADATA:
-                raise InputError(
-                    f"{folder / name} has {size} bytes, a description of arrays {LARGEST_METADATA} at most"
-                )
-            require(JSON_GROWTH * size, str(folder / name))
+                raise InputError(f"{where} has {size} bytes, a description of arrays {LARGEST_METADATA} at most")
+            require(JSON_GROWTH * size, where)
+            record = json_value(read_whole(folder / name), where)
+            if not isinstance(record, dict):
+                raise InputError(f"{where} must hold a table of keys: given {type(record).__name__}")
+            grid = record.get("chunk_grid")
+            inner = grid.get("configuration") if isinstance(grid, dict) else None
+            chunk = inner.get("chunk_shape") if isinstance(inner, dict) else None
+            for key, sizes_of in (("shape", record.get("shape")), ("chunks", record.get("chunks")), ("chunk", chunk)):
+                if isinstance(sizes_of, list) and not all(type(n) is int and n >= 0 for n in sizes_of):
+                    raise InputError(f"{where}: {key} must be a list of whole numbers from 0: given {sizes_of!s:.60}")
 
 
 def _checked(array: Any, folder: Path, files: set[str]) -> ZarrArray:

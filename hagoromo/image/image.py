@@ -22,6 +22,7 @@ from hagoromo.files.finite import finite_json
 from hagoromo.files.png import png_bytes
 from hagoromo.files.record import json_value
 from hagoromo.files.whole import whole_files
+from hagoromo.image.palette_record import palette_of_text, record_of_palette
 from hagoromo.image.shown import Shown
 from hagoromo.image.sums_channels import channels_of_sums, sums_of_channels
 from hagoromo.light.colour import srgb_encode, srgb_from_xyz
@@ -215,7 +216,7 @@ class Image:
         header |= {
             "colour_space": f"camera {response.name}, rho of eq. (10)" if response else "linear sRGB",
             "hagoromo": finite_json(self.metadata, str(target)),
-            "palette": finite_json(_palette_record(self.palette), str(target)),
+            "palette": finite_json(record_of_palette(self.palette), str(target)),
         }
         if self.sums is not None:
             header["unfinished"] = str(self.metadata.get("unfinished", ""))
@@ -262,8 +263,6 @@ def _shown(image: Image, layer: str, response: Response | None, names: Sequence[
     return {f"{layer}.{name}": rgb[..., k] for k, name in enumerate(names)}
 
 
-PALETTE_KEYS = ("bodies", "interfaces", "lamps")
-FURTHER_KEYS = ("bands", "transmitted", "twice")  # of the images that have such colours
 VARIANCE = "variance.Y"  # channel of an EXR
 PARTS = ("first", "body", "interface", "through", "higher")  # of the light
 LAYERS = ("depth.Z", "normal.X", "normal.Y", "normal.Z", "albedo.R", "albedo.G", "albedo.B", "material.id")
@@ -273,7 +272,7 @@ def read_image(path: str | Path) -> Image:
     """The Image in an EXR that `Image.save` wrote; `InputError` for any other EXR (`read_exr` reads those)."""
     channels, header = read_exr(path)
     try:
-        palette = _palette_from_record(json_value(header["palette"], f"{path}: palette"), Path(path).parent)
+        palette = palette_of_text(header["palette"], f"{path}: palette")
         metadata = dict(json_value(header["hagoromo"], f"{path}: hagoromo"))
         empty = np.zeros(channels["A"].shape, np.float32)
         names = Image(empty[..., None], empty, palette).channel_names()
@@ -284,25 +283,10 @@ def read_image(path: str | Path) -> Image:
     return Image(weights, channels["A"], palette, metadata, channels.get(VARIANCE), sums, layers or None)
 
 
-def _palette_record(palette: Palette) -> dict[str, Any]:
-    """What `read_image` reads back."""
-    spectra = {key: [s.record() for s in getattr(palette, key)] for key in PALETTE_KEYS}
-    for key in FURTHER_KEYS:
-        spectra |= {key: [s.record() for s in own]} if (own := getattr(palette, key)) else {}
-    return spectra | {"lamp_names": list(palette.lamp_names), "lamp_groups": list(palette.lamp_groups)}
-
-
-def _palette_from_record(record: dict[str, Any], folder: Path) -> Palette:
-    """folder: of the file; a spectrum that it names lies in it. Files of version 0.2 do not name the lamps; only images
-    of all orders have bands, of elements that transmit transmitted colours.
-    """
-    names, groups = tuple(map(str, record.get("lamp_names", ()))), tuple(map(int, record.get("lamp_groups", ())))
-    bodies, interfaces, lamps = (tuple(Spectrum.load(s, folder) for s in record[key]) for key in PALETTE_KEYS)
-    further = {key: tuple(Spectrum.load(s, folder) for s in record.get(key, ())) for key in FURTHER_KEYS}
-    palette = Palette(bodies, interfaces, lamps, names, groups, **further)
-    if len(names) != len(groups) or (groups and set(groups) != set(range(len(palette.lamps)))):
-        raise ValueError("its lamp_groups do not fit its lamps")
-    return palette
+def lamp_names_in(palette: str, path: str | Path) -> tuple[str, ...]:
+    """Names of the groups of lamps of an EXR of ours, from the text of its palette."""
+    empty = np.zeros((1, 1, 1), np.float32)
+    return Image(empty, empty[..., 0], palette_of_text(palette, f"{path}: palette")).lamp_names
 
 
 def _same(one: Any, other: Any) -> bool:

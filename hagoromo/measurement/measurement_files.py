@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from hagoromo.errors import InputError
 from hagoromo.files.checks import inside
 from hagoromo.files.exr import read_exr, write_exr
 from hagoromo.files.png import write_png
-from hagoromo.files.record import decode, read_json, write_json, written_by
+from hagoromo.files.record import ForeignRecord, about, decode, read_json, write_json, written_by
 from hagoromo.measurement.gloss.gloss_map import GlossMap, with_tails
 from hagoromo.measurement.material.body_map import BodyMap
 from hagoromo.measurement.material.body_spectra import read_body_spectra, write_body_spectra
@@ -72,6 +73,29 @@ def write_measurement(measurement: Measurement, home: Path) -> None:
         write_json(home / RIG, measurement.rig.record())
     if measurement.body_spectra:
         write_body_spectra(home / "body_spectra.json", measurement.body_spectra)
+
+
+class Estimate(ForeignRecord, frozen=True, kw_only=True):
+    """A number and its standard error; null where they are not known."""
+
+    value: Annotated[float | None, about("the number")] = None
+    standard_error: Annotated[float | None, about("its standard error")] = None
+    separate: Annotated[bool, about("whether it can be told from the light of the object")] = False
+
+
+class OwnLightRecord(ForeignRecord, frozen=True, kw_only=True):
+    """The light that an object sends to itself."""
+
+    unit: Annotated[Estimate, about("light in shadows over the light expected there")]
+    albedo: Annotated[float, about("of the body, in its brightest channel")]
+    subtracted: Annotated[bool, about("whether normals and colours are without it")]
+    light_of_the_room: Annotated[Estimate, about("share that is the same in all photographs")] = Estimate()
+
+
+class OwnLightFile(ForeignRecord, frozen=True, kw_only=True):
+    """own_light.json."""
+
+    own_light: Annotated[OwnLightRecord, about("the light that the object sends to itself")]
 
 
 def read_measurement(home: Path) -> Measurement:
@@ -172,27 +196,23 @@ def _read_own_light(home: Path, surface: MeasuredSurface) -> OwnLight | None:
     if maps is None:
         return None
     share, most = maps
-    given = read_json(path)
-    try:
-        record = given["own_light"]
-        room = record.get("light_of_the_room", {})
-        return OwnLight(
-            share,
-            most,
-            float(record["unit"]["value"]),
-            _or_unknown(record["unit"]["standard_error"]),
-            float(record["albedo"]),
-            bool(record["subtracted"]),
-            float(room.get("value") or 0.0),
-            _or_unknown(room.get("standard_error")),
-            bool(room.get("separate", False)),
-        )
-    except (KeyError, TypeError, ValueError, AttributeError) as wrong:
-        raise InputError(f"{path} is no record of own light: measure the capture again") from wrong
+    stated = decode(read_json(path), OwnLightFile, str(path)).own_light
+    room = stated.light_of_the_room
+    return OwnLight(
+        share,
+        most,
+        stated.unit.value or 0.0,
+        _or_unknown(stated.unit.standard_error),
+        stated.albedo,
+        stated.subtracted,
+        room.value or 0.0,
+        _or_unknown(room.standard_error),
+        room.separate,
+    )
 
 
 def _or_unknown(error: float | None) -> float:
-    return np.inf if error is None else float(error)
+    return np.inf if error is None else error
 
 
 def _read_separation(home: Path) -> Separation | None:

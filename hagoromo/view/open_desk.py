@@ -8,7 +8,7 @@ from pathlib import Path
 from hagoromo.errors import InputError
 from hagoromo.files.checks import inside
 from hagoromo.files.exr import read_exr
-from hagoromo.files.record import read_json
+from hagoromo.files.record import read_json_table
 from hagoromo.files.stores import address
 from hagoromo.image.image import read_image
 from hagoromo.image.spectral_exr import is_spectral, spectral_of_channels
@@ -69,7 +69,7 @@ def image_plate(path: Path) -> ImagePlate:
 
 def _photographs(folder: Path) -> dict[str, Callable[[], Plate]]:
     """The photographs of a capture, each read when it is looked at; the first one now."""
-    frames = read_json(inside(folder, "transforms.json")).get("frames", [])
+    frames = read_json_table(inside(folder, "transforms.json")).get("frames", [])
     first = load_capture(folder, slice(0, 1)).photographs[0]
 
     def reader(number: int) -> Callable[[], Plate]:

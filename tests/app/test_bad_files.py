@@ -19,10 +19,11 @@ def test_a_missing_file_is_named(refused, tmp_path, kind):
 def test_a_truncated_file_is_refused(refused, tmp_path, kind, whole_file_of):
     """Cut in the middle, for text in the middle of a value: a table that ends with a whole row cannot be told."""
     path = whole_file_of(kind)
-    assert main(["info", str(path)]) == 0
+    decode = ["--decode"] if kind in ("exr", "png", "jpg") else []
+    assert main(["info", str(path), *decode]) == 0
     data = path.read_bytes()
     path.write_bytes(data[: data.rindex(b",")] if kind == "csv" else data[: len(data) // 2])
-    assert str(path) in refused("info", path)
+    assert str(path) in refused("info", path, *decode)
 
 
 @pytest.mark.parametrize("kind", KINDS)

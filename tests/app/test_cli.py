@@ -10,8 +10,11 @@ import numpy as np
 import pytest
 
 import hagoromo
+from fuzz import pictures, volumes
 from hagoromo.app.cli import main
+from hagoromo.files import apart
 from hagoromo.files.exr import read_exr, write_exr
+from hagoromo.files.hdr import write_hdr
 from hagoromo.files.picture import read_picture
 from hagoromo.files.png import write_png
 from hagoromo.files.record import read_json, write_json
@@ -75,6 +78,7 @@ def test_calibrate_camera_writes_the_lens(tmp_path, capsys):
 def test_info_tells_what_is_in_every_kind_of_file(tmp_path, capsys):
     write_exr(tmp_path / "a.exr", {"R": np.full((5, 7), 0.5), "N.X": np.zeros((5, 7))}, {"note": "here"})
     write_png(tmp_path / "a.png", np.full((5, 7, 3), 1000, np.uint16))
+    write_hdr(tmp_path / "a.hdr", np.ones((5, 7, 3)))
     write_table(tmp_path / "a.csv", {"wavelength_nm": [400, 700], "R": [0, 1]})
     write_json(tmp_path / "lamps.json", {"lamps": [{"to_lamp": [0, 0, 1]}]})
     (tmp_path / "a.toml").write_text("[skin]\ntau = 3\n")
@@ -82,7 +86,8 @@ def test_info_tells_what_is_in_every_kind_of_file(tmp_path, capsys):
     write_json(tmp_path / "capture" / "transforms.json", {"w": 7, "h": 5, "frames": [{}, {}]})
     for name, said in [
         ("a.exr", ["EXR image", "[7, 5]", "N.X", "note: here"]),
-        ("a.png", ["picture", "bits: 16", "[1000, 1000]"]),
+        ("a.hdr", ["HDR image", "[7, 5]"]),
+        ("a.png", ["picture", "bits: 16", "[7, 5]"]),
         ("a.csv", ["table", "rows: 2", "R: [0.0, 1.0]"]),
         ("lamps.json", ["lamps", "to_lamp"]),
         ("a.toml", ["matter", "tau"]),
@@ -91,6 +96,33 @@ def test_info_tells_what_is_in_every_kind_of_file(tmp_path, capsys):
         assert main(["info", str(tmp_path / name)]) == 0
         shown = capsys.readouterr().out
         assert all(word in shown for word in said), shown
+
+
+@pytest.mark.parametrize("name", ["a.exr", "a.hdr", "a.png", "a.jpg", "a.tif", "a.dng", "a.nii.gz", "a.npy"])
+def test_info_reads_headers_alone_unless_it_is_asked(tmp_path, capsys, monkeypatch, name):
+    """What decodes is taken away; the range of the pixels is what --decode says besides."""
+    write = {
+        "a.exr": pictures.exr, "a.hdr": pictures.hdr, "a.png": pictures.png, "a.jpg": pictures.jpeg,
+        "a.tif": pictures.tiff_lzw, "a.dng": pictures.dng, "a.nii.gz": volumes.nifti, "a.npy": volumes.npy,
+    }  # fmt: skip
+    write[name](tmp_path / name)
+    assert main(["info", str(tmp_path / name), "--decode"]) == 0
+    whole = capsys.readouterr().out.splitlines()
+    asked = apart._asked
+
+    def headers_alone(helper, task, seconds):
+        assert not re.search(rb"pixels_by|raw_by|channels_by|numbers_by", task), task
+        return asked(helper, task, seconds)
+
+    def fails(*_):
+        raise AssertionError("pixels are read")
+
+    monkeypatch.setattr(apart, "_asked", headers_alone)
+    monkeypatch.setattr("hagoromo.files.exr.read_lines", fails)
+    assert main(["info", str(tmp_path / name)]) == 0
+    headers = capsys.readouterr().out.splitlines()
+    assert len(headers) >= 3 and set(headers) < set(whole)
+    assert name == "a.dng" or any("[" in line for line in set(whole) - set(headers))
 
 
 def test_jpeg_is_read_whole_or_refused(tmp_path):
@@ -111,7 +143,7 @@ def test_jpeg_is_read_whole_or_refused(tmp_path):
 
 
 def test_a_bug_is_a_traceback_not_a_line(monkeypatch):
-    def broken(_):
+    def broken(*_):
         raise ZeroDivisionError
 
     monkeypatch.setattr("hagoromo.info", broken)

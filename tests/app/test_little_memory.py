@@ -104,7 +104,7 @@ def test_a_lack_that_shows_only_when_memory_is_taken_ends_in_one_line(tmp_path):
     """The limit lets the program start, but not its libraries for pictures under it."""
     code = (
         "import resource, sys; from hagoromo.app import cli; import hagoromo as hg\n"
-        "def none(path): raise MemoryError\n"
+        "def none(*_): raise MemoryError\n"
         "hg.info = none; sys.exit(cli.main(['info', 'a.png']))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path)

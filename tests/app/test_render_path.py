@@ -64,4 +64,4 @@ def test_denoising_asks_for_its_extra(monkeypatch, scene, refused, tmp_path):
 
 def test_the_command_writes_layers(scene, tmp_path):
     assert main(["render", str(scene()), "--layers", "--out", str(tmp_path / "a.exr")]) == 0
-    assert "depth.Z" in hg.info(tmp_path / "a.exr")
+    assert "depth.Z" in hg.info(tmp_path / "a.exr")["channels"]

@@ -136,7 +136,7 @@ def test_what_is_no_map_of_light_is_refused(values, said):
     [
         (lambda data: data[:-20], "cut off or damaged"),
         (lambda data: data[:40], "no picture of Radiance"),
-        (lambda data: data.replace(b"-Y 16 +X 32", b"-Y 999999 +X 999999"), "GiB of memory"),
+        (lambda data: data.replace(b"-Y 16 +X 32", b"-Y 999999 +X 999999"), "too few for them"),
         (lambda data: data.replace(b"-Y 16 +X 32", b"+X 32 -Y 16"), "no picture of Radiance"),
         (lambda data: b"BM" + data, "not an EXR"),
     ],

@@ -187,7 +187,7 @@ def test_an_image_is_found_and_has_its_factor(tmp_path, where, factor):
         ({"uri": address(b"GIF89a and no more")}, "neither PNG, JPEG"),
         ({"uri": address(png()[:60])}, "texture_1.png"),
         ({"bufferView": 2, "mimeType": "image/png"}, "neither PNG, JPEG"),
-        ({"bufferView": 9, "mimeType": "image/png"}, "cannot be read as glTF"),
+        ({"bufferView": 9, "mimeType": "image/png"}, "is number 9 of bufferViews, of which there are 3"),
     ],
 )
 def test_images_that_are_none_are_refused(tmp_path, source, said):

@@ -1,5 +1,7 @@
 """Lenses of lensfun: our camera images a point where lensfun's own formulas say, within the residual that is stated."""
 
+import re
+
 import numpy as np
 import pytest
 from PIL import Image
@@ -102,6 +104,26 @@ def test_what_lensfun_does_not_know_is_refused(tmp_path):
             convert(tmp_path / "a.jpg", tmp_path / "b.json", options=ConvertOptions(lens=lens, lensfun=tmp_path / xml))
     with pytest.raises(InputError, match="knows no camera 'Acme Two'"):
         camera_by_lensfun(SIZE, Exif(focal_mm=FOCAL, camera="Acme Two", lens="a"), database=tmp_path / "a.xml")
+
+
+@pytest.mark.parametrize("lost", ["maker", "model", "mount", "cropfactor"])
+@pytest.mark.parametrize("entry", ["camera", "lens"])
+def test_an_entry_that_lacks_a_name_is_refused(tmp_path, entry, lost):
+    """Lensfun ends the process at a lens without a maker."""
+    before, found, after = database("poly3").replace("Acme 20mm f/2", "A" * 125).partition(f"<{entry}>")
+    (tmp_path / "a.xml").write_text(before + found + re.sub(f"<{lost}>.*?</{lost}>", "", after, count=1))
+    with pytest.raises(InputError, match=f"a {entry} has no {lost}"):
+        info(tmp_path / "a.xml")
+
+
+def test_what_is_nested_or_long_takes_no_time(tmp_path):
+    """Work in steps of the size of the file, not of its square."""
+    (tmp_path / "a.xml").write_text(f"<lensdatabase>{'<lens>' * 200_000}{'</lens>' * 200_000}</lensdatabase>")
+    with pytest.raises(InputError, match="a lens has no maker"):
+        info(tmp_path / "a.xml")
+    (tmp_path / "a.xml").write_text(database("poly3"))
+    with pytest.raises(InputError, match="knows no lens"):
+        camera_by_lensfun(SIZE, EXIF, "1" * 100_000, tmp_path / "a.xml")
 
 
 def test_the_database_that_comes_with_it_knows_a_common_lens():

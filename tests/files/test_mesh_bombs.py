@@ -82,8 +82,10 @@ def test_the_memory_of_a_mesh_is_asked_for_before_it_is_read(tmp_path, monkeypat
 def test_a_gltf_is_as_large_as_its_arrays_and_places(tmp_path):
     assert len(read_mesh(glb(tmp_path)).faces) == 1
     vast = [{"componentType": 5126, "count": 10**10, "type": "VEC3"}]
-    with pytest.raises(InputError, match="GiB of memory"):
+    with pytest.raises(InputError, match="accessor 0 is sparse, or packed by an extension"):
         read_mesh(glb(tmp_path, accessors=vast))
+    with pytest.raises(InputError, match="accessor 0 states 10000000000 VEC3 and does not hold them"):
+        read_mesh(glb(tmp_path, accessors=[vast[0] | {"bufferView": 0}]))
     with pytest.raises(InputError, match="nodes"):
         read_mesh(glb(tmp_path, nodes=[{"mesh": 0}] * (MOST_NODES + 1)))
     part = {"attributes": {"POSITION": 0}}

@@ -72,18 +72,6 @@ def test_a_mesh_that_is_damaged_is_logged_nowhere(caplog):
     assert not caplog.records
 
 
-def _dies(path):
-    os.abort()
-
-
-def test_a_library_that_crashes_is_one_line(tmp_path):
-    """The process that decodes dies; ours says which file it was."""
-    from hagoromo.files.apart import read_apart
-
-    with pytest.raises(InputError, match="has crashed"):
-        read_apart(_dies, tmp_path / "a.dng", "camera RAW")
-
-
 def test_a_tiff_of_two_bits_is_refused(tmp_path):
     tifffile.imwrite(tmp_path / "a.tif", np.zeros((5, 8), np.uint8), extratags=[])
     data = (tmp_path / "a.tif").read_bytes()

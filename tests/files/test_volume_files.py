@@ -276,7 +276,7 @@ def test_the_density_that_was_written_is_the_box_again(tmp_path):
 
 def test_info_knows_every_volume(tmp_path):
     (tmp_path / "a.nrrd").write_bytes(nrrd())
-    facts = info(tmp_path / "a.nrrd")
+    facts = info(tmp_path / "a.nrrd", decode=True)
     assert facts["voxels"] == [5, 4, 3] and facts["range"] == [VALUES.min(), VALUES.max()]
     assert facts["voxel_size"] == pytest.approx([5e-4, 7.5e-4, 2e-3])
     (tmp_path / "without_suffix").write_bytes(nrrd())

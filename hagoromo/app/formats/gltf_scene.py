@@ -8,7 +8,7 @@ cos^μ that is half where the cone's smooth edge is.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +31,7 @@ from hagoromo.camera.formats.nerfstudio import write_transforms
 from hagoromo.camera.pose import opencv_from_opengl, opengl_from_opencv
 from hagoromo.errors import InputError
 from hagoromo.files.gltf import placed_nodes
-from hagoromo.files.mesh import number_of_material, read_gltf
+from hagoromo.files.mesh import MeshPart, read_gltf
 from hagoromo.files.reading import reading
 from hagoromo.files.toml_text import toml_text
 from hagoromo.files.whole import whole_file, whole_folder, write_text
@@ -57,24 +57,28 @@ def scene_from_gltf(path: str | Path, out: str | Path, force: bool = False) -> l
     Returns what was made up: a camera or a lamp where the file has none; and what is lost. `InputError` where it has
     no mesh.
     """
-    record, meshes = read_gltf(path, numbered=True)
-    if meshes.bounds is None:
+    record, parts = read_gltf(path, numbered=True)
+    if not parts:
         raise InputError(f"{path} has no mesh in its scene: give a glTF with triangles")
+    if len(parts) > MOST_SURFACES:
+        raise InputError(f"{path} has {len(parts)} meshes, a scene {MOST_SURFACES} at most: join them")
+    bounds = np.array([np.min([part.vertices.min(axis=0) for part in parts], axis=0),
+                       np.max([part.vertices.max(axis=0) for part in parts], axis=0)])  # fmt: skip
     made: list[str] = []
     with reading(path, "glTF"):
         placed = list(placed_nodes(record))
         cameras = dict(_cameras(record, placed))
         lamps = list(_lamps(record, placed))
     if not cameras:
-        cameras["camera"] = _camera_of(meshes.bounds)
+        cameras["camera"] = _camera_of(bounds)
         made.append("the file has no camera: one looks along −z at all of it")
     if not lamps:
         first = next(iter(cameras.values()))
-        towards = first.camera_to_world[:3, 3] - np.asarray(meshes.bounds).mean(axis=0)
+        towards = first.camera_to_world[:3, 3] - bounds.mean(axis=0)
         lamps.append({"to_lamp": towards.tolist(), "name": "camera"})
         made.append("the file has no lamp: one shines from the camera")
     with whole_folder(out, force) as folder:
-        surfaces = list(_surfaces(meshes, record, folder, Path(path), made))
+        surfaces = list(_surfaces(parts, record, folder, Path(path), made))
         write_transforms(folder / "cameras.json", cameras)
         camera = next(iter(cameras.values()))
         text = toml_text({
@@ -147,25 +151,23 @@ def _spectrum(rgb: Any) -> Spectrum:
 
 
 def _surfaces(
-    meshes: Any, record: Mapping[str, Any], folder: Path, path: Path, made: list[str]
+    parts: Sequence[MeshPart], record: Mapping[str, Any], folder: Path, path: Path, made: list[str]
 ) -> Iterator[dict[str, Any]]:
     """Records of surfaces as scene.toml has them; their files are written, and what is lost is added to `made`."""
-    nodes, materials = list(meshes.graph.nodes_geometry), record.get("materials", [])
-    if not 0 < len(nodes) <= MOST_SURFACES:
-        raise InputError(f"{path} has {len(nodes)} meshes: a scene is made of 1 to {MOST_SURFACES}")
+    import trimesh
+    from trimesh.visual import ColorVisuals, TextureVisuals
+
+    materials = record.get("materials", [])
     to = Converter(folder, [])
-    for number, node in enumerate(nodes):
-        place, name = meshes.graph[node]
-        mesh = meshes.geometry[name].copy()
-        if not hasattr(mesh, "faces") or not len(mesh.faces):
-            continue
-        mesh.apply_transform(place)
+    for number, part in enumerate(parts):
+        visual = ColorVisuals() if part.uv is None else TextureVisuals(uv=part.uv)
+        mesh = trimesh.Trimesh(part.vertices, part.faces, process=False, visual=visual)
         file = f"mesh_{number + 1}.ply"
         texture_name = f"texture_{number + 1}"
         with reading(path, "glTF"):
-            used = number_of_material(mesh)
-            material = materials[used] if used >= 0 else {}
-            colours = vertex_colours(meshes.geometry[name])
+            used = int(part.material) if part.material.isdecimal() else None
+            material = {} if used is None else materials[used]
+            colours = vertex_colours(part.colours)
             look, lost = material_of(path, record, material, mesh, folder, texture_name)
             texture, largest, lost_body = body_texture_of(path, record, material, mesh, colours, folder, texture_name)
             if look.mapped and "vertex_colours" in (texture or {}):
@@ -173,15 +175,17 @@ def _surfaces(
                 look = look._replace(roughness_map=None, specular_map=None)
             if largest is not None:
                 look = look._replace(base=largest, textured=True)
-            tables = surface_of(look, to, f"material {material.get('name') or used}", folder, texture_name)
+            who = f"material {material.get('name') or (-1 if used is None else used)}"
+            tables = surface_of(look, to, who, folder, texture_name)
         if tables.get("optics") and texture:
             lost.append(f"{texture_name}: the texture of its mirror or glass")
             texture = None
         made += [f"lost: {each}" for each in [*lost_body, *lost]]
         if texture is None and not any("texture" in key for key in tables):
-            mesh.visual = type(meshes.geometry[name])().visual
-        (folder / file).write_bytes(mesh.export(file_type="ply"))
-        named = {"mesh": file, "name": f"mesh {number + 1}"}  # trimesh's names are random
+            mesh.visual = ColorVisuals()
+        data: Any = mesh.export(file_type="ply")
+        (folder / file).write_bytes(data)
+        named = {"mesh": file, "name": f"mesh {number + 1}"}
         yield named | tables | ({"body_texture": texture} if texture else {})
     made += [f"lost: {each}" for each in to.lost]
 

@@ -152,19 +152,12 @@ def _channel(
     return channel_of(picture_of(data, folder, name, path), number), smooth
 
 
-def vertex_colours(mesh: Any) -> Array | None:
-    """Linear R, G, B (n, 3), 0…1, of the vertices of a mesh as trimesh read it from a glTF (a copy lacks them); None
-    where it has none.
-    """
-    visual = mesh.visual
-    colours = visual.vertex_colors if visual.kind == "vertex" else None
-    if colours is None and "color" in getattr(visual, "vertex_attributes", {}):
-        colours = visual.vertex_attributes["color"]
-    if colours is None or np.ndim(colours) != 2 or len(colours) != len(mesh.vertices) or np.shape(colours)[1] < 3:
+def vertex_colours(stored: NDArray[Any] | None) -> Array | None:
+    """Linear R, G, B (n, 3), 0…1, of the colours (n, 3 or 4) of vertices as a glTF has them; None for none."""
+    if stored is None or stored.shape[1] < 3:
         return None
-    stored = np.asarray(colours)[:, :3]
-    whole = stored.dtype.kind == "u"
-    return np.clip(np.nan_to_num(stored / np.iinfo(stored.dtype).max if whole else stored.astype(float)), 0.0, 1.0)
+    values, whole = stored[:, :3], stored.dtype.kind == "u"
+    return np.clip(np.nan_to_num(values / np.iinfo(values.dtype).max if whole else values.astype(float)), 0.0, 1.0)
 
 
 def _painted(mesh: Any, colours: NDArray[np.uint8]) -> Any:

@@ -11,6 +11,7 @@ import numpy as np
 
 from hagoromo.calibration.lamps.ball import Ball
 from hagoromo.calibration.lamps.highlight import Highlight, LampReading
+from hagoromo.calibration.lamps.lamp_records import check_of_balls
 from hagoromo.calibration.lamps.place import LampPlace
 from hagoromo.calibration.lamps.strength import Strength
 from hagoromo.errors import InputError
@@ -73,6 +74,7 @@ class LampCalibration:
         """
         record = decode(read_json(path), LampsRecord, str(path))
         try:
+            check_of_balls(record, str(path))
             return _from_record(record)
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(

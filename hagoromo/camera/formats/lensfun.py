@@ -18,11 +18,13 @@ from numpy.typing import NDArray
 
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
+from hagoromo.files.apart import read_apart
 from hagoromo.files.checks import read_bytes, sized_file
 from hagoromo.files.exif import Exif
 from hagoromo.files.library import library
 from hagoromo.files.reading import reading
 
+BUNDLED = Path("the database of lensfunpy")
 LARGEST_FILE = 1 << 24  # bytes of XML
 FULL_FRAME_DIAGONAL = math.hypot(36.0, 24.0)  # mm, of the film that crop factors refer to
 SAMPLED_SIDE = 500  # px of the picture that lensfun distorts
@@ -57,15 +59,43 @@ def camera_by_lensfun(
     lens: its name or a part of it (default: the EXIF's). database: a file of lensfun's XML (default: the one that comes
     with lensfunpy). `InputError` where camera or lens is unknown or ambiguous, or is no rectilinear lens.
     """
-    lensfun, wanted = library("lensfunpy"), lens or exif.lens
+    library("lensfunpy")
+    wanted = (lens or exif.lens)[:LONGEST_NAME]
     if exif.focal_mm is None or not exif.camera:
         raise InputError(
             "the photograph does not say its camera and focal length (EXIF): give one as the camera wrote it"
         )
     if not wanted:
         raise InputError("the photograph does not name its lens (EXIF): give it by --lens")
-    held = _database(lensfun, database)
-    body = _one([each for each in held.cameras if _named(each, exif.camera)], exif.camera, "camera")
+    given = [list(size), exif.camera[:LONGEST_NAME], exif.focal_mm, wanted]
+    fit = read_apart(fit_by_lensfun, _checked_file(database), "a lensfun database", *given)
+    focal, name = float(fit["focal"]), str(fit["lens"])
+    principal = (0.5 * size[0], 0.5 * size[1])
+    camera = Camera(*size, (focal, focal), principal, tuple(fit["coefficients"].tolist()), name=name)
+    return LensCamera(camera, name, float(fit["rms"]), float(fit["largest"]))
+
+
+def names_in_lensfun(file: str | Path) -> tuple[list[str], list[str]]:
+    """Cameras and lenses of a file of lensfun's XML, by maker and model."""
+    library("lensfunpy")
+    names = read_apart(names_by_lensfun, _checked_file(file), "a lensfun database")
+    return names["cameras"].tolist(), names["lenses"].tolist()
+
+
+def names_by_lensfun(file: Path) -> dict[str, NDArray[Any]]:
+    """cameras and lenses, as of `names_in_lensfun`, by which it is run apart."""
+    held = _database(library("lensfunpy"), file)
+    cameras = [f"{each.maker} {each.model}" for each in held.cameras]
+    return {"cameras": np.array(cameras, str), "lenses": np.array([each.model for each in held.lenses], str)}
+
+
+def fit_by_lensfun(
+    file: Path, size: tuple[int, int], camera: str, focal_mm: float, wanted: str
+) -> dict[str, NDArray[Any]]:
+    """The camera of a lens, as of `camera_by_lensfun`, by which it is run apart."""
+    lensfun = library("lensfunpy")
+    held = _database(lensfun, file)
+    body = _one([each for each in held.cameras if _named(each, camera)], camera, "camera")
     named = [each for each in held.lenses if each.model.lower() == wanted.lower()]
     found = held.find_lenses(body, None, wanted) or named  # the best first; it takes "20mm" in names at its word
     glass = _one([each for each in found if each.score == found[0].score][:1], wanted, "lens")
@@ -73,34 +103,33 @@ def camera_by_lensfun(
         raise InputError(
             f"{glass.model} is a fisheye or is off its axis: cameras here have rectilinear lenses on theirs"
         )
-    return _fitted(lensfun, glass, body.crop_factor, exif.focal_mm, size)
+    return _fitted(lensfun, glass, body.crop_factor, focal_mm, (size[0], size[1]))
 
 
-def names_in_lensfun(file: str | Path) -> tuple[list[str], list[str]]:
-    """Cameras and lenses of a file of lensfun's XML, by maker and model."""
-    held = _database(library("lensfunpy"), file)
-    return [f"{each.maker} {each.model}" for each in held.cameras], [each.model for each in held.lenses]
+def _checked_file(file: str | Path | None) -> Path:
+    return BUNDLED if file is None else sized_file(file, LARGEST_FILE, "a lensfun database")
 
 
-def _database(lensfun: Any, file: str | Path | None) -> Any:
-    if file is None:
+def _database(lensfun: Any, file: Path) -> Any:
+    if file == BUNDLED:
         return lensfun.Database(load_common=False)
-    data = read_bytes(sized_file(file, LARGEST_FILE, "a lensfun database"))
     with reading(file, "a lensfun database"):
-        tree = ElementTree.fromstring(data)
+        tree = ElementTree.fromstring(read_bytes(file))
         if tree.tag != "lensdatabase":
             raise InputError(f"{file} is no lensfun database: give XML with <lensdatabase>")
         return lensfun.Database(xml=_plain(tree), load_common=False, load_bundled=False)
 
 
 def _plain(tree: ElementTree.Element) -> str:
-    """Of a database the names, mounts, crops and distortions alone, checked: lensfun prints what it does not know."""
+    """Of a database the names, mounts, crops and distortions alone, checked: lensfun prints what it does not know, and
+    ends the process at a lens without a maker. Entries stand side by side: what is nested in another one is not read.
+    """
     kept = ElementTree.Element("lensdatabase", version="1")
-    for body in tree.iter("camera"):
+    for body in tree.findall("camera"):
         _copied(body, kept)
-    for glass in tree.iter("lens"):
+    for glass in tree.findall("lens"):
         calibration = ElementTree.SubElement(_copied(glass, kept), "calibration")
-        for each in glass.iter("distortion"):
+        for each in glass.findall("calibration/distortion"):
             model, focal = each.get("model", ""), float(each.get("focal", ""))
             figures = {key: f"{float(each.get(key, '0')):.9g}" for key in MODELS.get(model, ())}
             if model in MODELS and all(map(math.isfinite, map(float, (focal, *figures.values())))) and focal > 0.0:
@@ -111,10 +140,10 @@ def _plain(tree: ElementTree.Element) -> str:
 def _copied(entry: ElementTree.Element, to: ElementTree.Element) -> ElementTree.Element:
     made = ElementTree.SubElement(to, entry.tag)
     for key in ("maker", "model", "mount", "cropfactor", "type"):
-        for found in entry.findall(key):
-            if found.attrib:  # a name in another language
-                continue
-            text = (found.text or "").strip()[:LONGEST_NAME]
+        texts = [(found.text or "").strip()[:LONGEST_NAME] for found in entry.findall(key) if not found.attrib]
+        if key != "type" and not any(texts):  # with an attribute it is a name in another language
+            raise ValueError(f"a {entry.tag} has no {key}")
+        for text in texts:
             if key == "cropfactor" and not LEAST_CROP < float(text) < 1.0 / LEAST_CROP:
                 raise ValueError(f"a crop factor is {text}")
             if key == "type" and text not in TYPES:
@@ -139,7 +168,7 @@ def _one(found: Sequence[Any], name: str, what: str) -> Any:
     return found[0]
 
 
-def _fitted(lensfun: Any, glass: Any, crop: float, focal_mm: float, size: tuple[int, int]) -> LensCamera:
+def _fitted(lensfun: Any, glass: Any, crop: float, focal_mm: float, size: tuple[int, int]) -> dict[str, NDArray[Any]]:
     """Focal length and k1 … k6 by least squares over the whole picture."""
     from scipy.optimize import least_squares
 
@@ -162,10 +191,11 @@ def _fitted(lensfun: Any, glass: Any, crop: float, focal_mm: float, size: tuple[
     if best is None:
         raise InputError(f"the distortion of {glass.model} does not fit our camera: measure it by calibrate camera")
     scale, k1, k2, k3, k4, k5, k6 = best.x
-    coefficients = (k1, k2, 0.0, 0.0, k3, k4, k5, k6)
-    camera = Camera(*size, (focal * scale,) * 2, (0.5 * size[0], 0.5 * size[1]), coefficients, name=glass.model)
     residual = off(best.x)
-    return LensCamera(camera, glass.model, float(np.sqrt(np.mean(residual**2))), float(np.abs(residual).max()))
+    return {
+        "focal": np.array(focal * scale), "coefficients": np.array([k1, k2, 0.0, 0.0, k3, k4, k5, k6]),
+        "lens": np.array(glass.model), "rms": np.sqrt(np.mean(residual**2)), "largest": np.abs(residual).max(),
+    }  # fmt: skip
 
 
 def _imaged(

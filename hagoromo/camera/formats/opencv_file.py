@@ -18,14 +18,19 @@ from hagoromo.camera.camera import Camera
 from hagoromo.camera.lens import COEFFICIENTS
 from hagoromo.camera.pose import pose_of
 from hagoromo.errors import InputError
+from hagoromo.files.apart import read_apart
 from hagoromo.files.checks import sized_file
 from hagoromo.files.memory import require
 from hagoromo.files.names import reason
+from hagoromo.files.record import read_json_table
 from hagoromo.files.whole import write_text
 
+START = 64  # bytes of a file that tell whether it is JSON
 LARGEST = 64 * 2**20  # bytes; cameras take far less
 GROWTH = 30.0  # memory of the nodes of a file, in its sizes
 MATRIX = ("camera_matrix", "cameraMatrix", "Camera_Matrix", "K")
+POSES, NAMES = ("extrinsic_parameters",), "image_names"
+NUMBERS = ("fisheye_model", "image_width", "image_height")
 DISTORTION = ("distortion_coefficients", "Distortion_Coefficients", "distCoeffs", "dist_coeffs", "D")
 NO_NUMBER = 1e300  # OpenCV reads a text as the largest double
 MOST_COEFFICIENTS = 14  # OpenCV's; those behind the eighth are thin prisms and a tilted sensor
@@ -34,17 +39,41 @@ MOST_COEFFICIENTS = 14  # OpenCV's; those behind the eighth are thin prisms and 
 def read_opencv(path: str | Path, size: tuple[int, int] | None = None) -> dict[str, Camera]:
     """Views, image file (or index) → camera; one named "" where the file has intrinsics only.
 
-    size: (width, height) [px], for a file that does not tell it. `InputError` for a file that is no FileStorage, lacks
-    the camera or has a lens that the eight coefficients do not hold.
+    Parsed in a process apart. size: (width, height) [px], for a file that does not tell it. `InputError` for a file
+    that is no FileStorage, lacks the camera or has a lens that the eight coefficients do not hold.
     """
-    import cv2
-
     source = sized_file(path, LARGEST, "a file of cameras")
     require(GROWTH * source.stat().st_size, str(source))
+    _check_json(source)
+    return _views(read_apart(nodes_by_opencv, source, "OpenCV's YAML or JSON"), size, str(path))
+
+
+def _check_json(source: Path) -> None:
+    """`InputError` where a file of JSON has true or false for a number: OpenCV takes them for 1 and 0."""
+    with source.open("rb") as file:
+        if not file.read(START).lstrip().startswith(b"{"):
+            return
+    record = read_json_table(source)
+    for key in (*MATRIX, *DISTORTION, *POSES, *NUMBERS):
+        table = record.get(key)
+        held = [table, *table.values()] if isinstance(table, dict) else [table]
+        if any(isinstance(value, bool) for each in held for value in (each if isinstance(each, list) else [each])):
+            raise InputError(f"{source}: {key} has true or false where a number must be: correct it")
+
+
+def nodes_by_opencv(path: Path) -> dict[str, NDArray[Any]]:
+    """The matrices, numbers and texts of a camera that a file has, by key; run by `read_apart`."""
+    import cv2
+
     try:
-        text = source.read_text(encoding="utf-8")  # OpenCV takes what follows a question mark in a name for options
+        text = path.read_text(encoding="utf-8")  # OpenCV takes what follows a question mark in a name for options
         storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
-        return _views(storage.root(), size, str(path))
+        root, where = storage.root(), str(path)
+        held = {key: _matrix(root, keys, where) for key, keys in (("k", MATRIX), ("d", DISTORTION), ("p", POSES))}
+        held |= {key: np.array(root.getNode(key).real(), np.float64) for key in NUMBERS}
+        names = root.getNode(NAMES)
+        held[NAMES] = np.array([names.at(i).string() for i in range(names.size())], str) if names.isSeq() else None
+        return {key: array for key, array in held.items() if array is not None}
     except (cv2.error, SystemError, UnicodeDecodeError) as error:
         said = reason(error, 80)
         raise InputError(f"{path} cannot be read as OpenCV's YAML or JSON, it may be damaged: {said}") from error
@@ -83,28 +112,29 @@ def only_lens(views: Mapping[str, Camera], what: str) -> Camera:
     return next(iter(lenses.values())).with_pose(np.eye(4))
 
 
-def _views(root: Any, size: tuple[int, int] | None, where: str) -> dict[str, Camera]:
-    matrix, distortion = _matrix(root, MATRIX, where), _matrix(root, DISTORTION, where)
+def _views(held: Mapping[str, NDArray[Any]], size: tuple[int, int] | None, where: str) -> dict[str, Camera]:
+    matrix, k = held.get("k"), held.get("d", np.zeros(0)).ravel()
     if matrix is None or matrix.shape != (3, 3):
         raise InputError(f"{where} has no camera_matrix of 3 × 3 numbers: it is no camera of OpenCV's")
-    k = np.zeros(0) if distortion is None else distortion.ravel()
-    if k.size > MOST_COEFFICIENTS or k[len(COEFFICIENTS) :].any() or root.getNode("fisheye_model").real():
+    if k.size > MOST_COEFFICIENTS or k[len(COEFFICIENTS) :].any() or held["fisheye_model"]:
         raise InputError(
             f"{where} has a lens of another model than k1 k2 p1 p2 k3 k4 k5 k6: undistort its images first"
         )
     if matrix[0, 1] or matrix[1, 0] or (matrix[2] != (0.0, 0.0, 1.0)).any():
         raise InputError(f"{where} has a skewed camera_matrix: only one with 0 beside the diagonal is a camera here")
-    stated_size = [root.getNode(key).real() for key in ("image_width", "image_height")]
+    stated_size = [float(held[key]) for key in ("image_width", "image_height")]
     width, height = stated_size if all(stated_size) else size or (0, 0)
     if not 0 < width < NO_NUMBER or not 0 < height < NO_NUMBER:
         raise InputError(f"{where} does not tell image_width and image_height: add them")
     coefficients = tuple(map(float, k[: len(COEFFICIENTS)])) + (0.0,) * max(len(COEFFICIENTS) - k.size, 0)
     focal, principal = (matrix[0, 0], matrix[1, 1]), (matrix[0, 2] + 0.5, matrix[1, 2] + 0.5)
     lens = Camera(int(width), int(height), focal, principal, coefficients)
-    poses = _matrix(root, ("extrinsic_parameters",), where)
-    if poses is None:
+    if "p" not in held:
         return {"": lens}
-    names = _names(root.getNode("image_names"), len(poses), where)
+    poses = held["p"]
+    names = held[NAMES].tolist() if NAMES in held else [f"{i}" for i in range(len(poses))]
+    if len(names) != len(poses) or len(set(names)) != len(poses):
+        raise InputError(f"{where} has {len(poses)} poses and {len(set(names))} different image_names: it is damaged")
     return {name: lens.with_pose(_pose(pose, where)) for name, pose in zip(names, poses, strict=True)}
 
 
@@ -122,13 +152,6 @@ def _matrix(root: Any, keys: Sequence[str], where: str) -> NDArray[np.float64] |
     if not (np.abs(numbers) < NO_NUMBER).all():
         raise InputError(f"{where}: {keys[0]} holds what is no finite number: mend it")
     return numbers.reshape(rows, columns)
-
-
-def _names(node: Any, count: int, where: str) -> list[str]:
-    names = [node.at(i).string() for i in range(node.size())] if node.isSeq() else [f"{i}" for i in range(count)]
-    if len(names) != count or len(set(names)) != count:
-        raise InputError(f"{where} has {count} poses and {len(set(names))} different image_names: it is damaged")
-    return names
 
 
 def _pose(row: NDArray[np.float64], where: str) -> NDArray[np.float64]:

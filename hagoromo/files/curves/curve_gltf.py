@@ -25,7 +25,7 @@ def gltf_lines(path: Path) -> Lines:
     data = read_bytes(sized_file(path, LARGEST_FILE, "a file of curves"), 2.0)
     vertices, chains, count = list[NDArray[np.float64]](), list[list[int]](), 0
     with reading(path, "glTF"):
-        record = gltf_record(data, path.suffix.lower())
+        record = gltf_record(data, path.suffix.lower(), str(path))
         for node, place in placed_nodes(record):
             for part in record["meshes"][node["mesh"]]["primitives"] if "mesh" in node else ():
                 if part.get("mode", 4) in (LINES, LINE_LOOP, LINE_STRIP):

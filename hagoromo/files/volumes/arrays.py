@@ -7,19 +7,20 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
-from hagoromo.files.apart import read_apart
-from hagoromo.files.checks import existing_file
+from hagoromo.files.apart import Arrays
+from hagoromo.files.checks import PACKED, check_density, existing_file
 from hagoromo.files.library import library
 from hagoromo.files.memory import require
 from hagoromo.files.reading import reading
+from hagoromo.files.volumes.apart_volume import ELSEWHERE, header_arrays, volume_apart
 from hagoromo.files.volumes.payload import read_payload
 from hagoromo.files.volumes.volume_file import NUMBER_KINDS, VolumeFile
 
@@ -53,9 +54,8 @@ def read_raw_volume(path: str | Path) -> VolumeFile:
 def read_hdf5(path: str | Path) -> VolumeFile:
     """The only dataset of three axes in an HDF5 file, or the one named behind a colon: scan.h5:entry/density."""
     library("h5py")
-    file, _ = file_and_dataset(path)
-    existing_file(file)
-    return VolumeFile(read_apart(dataset_of, Path(path), "HDF5")["values"], None, str(path))
+    file, name = file_and_dataset(path)
+    return volume_apart(existing_file(file), "HDF5", header_by_h5py, numbers_by_h5py, name)
 
 
 def file_and_dataset(path: str | Path) -> tuple[str, str]:
@@ -64,22 +64,45 @@ def file_and_dataset(path: str | Path) -> tuple[str, str]:
     return (named[1], named[2].strip("/")) if named else (str(path), "")
 
 
-def dataset_of(path: Path) -> Mapping[str, NDArray[Any]]:
-    """The numbers of a dataset; links to other files are not followed. Run by `read_apart`."""
+def header_by_h5py(path: Path, wanted: str) -> Arrays:
+    """What an HDF5 file states of a dataset; run by `read_apart`."""
+    with _dataset(path, wanted) as (file, data):
+        check_density(math.prod(map(float, data.shape)) * data.dtype.itemsize, path, PACKED, f"a lattice {data.shape}")
+        offset = data.id.get_offset()  # of what lies in one piece
+        as_stored = data.dtype.kind in "iuf" and h5py_type(data.dtype) == data.id.get_type()
+        plain = as_stored and file.userblock_size == 0
+        return header_arrays(data.shape, data.dtype, None, offset if offset is not None and plain else ELSEWHERE)
+
+
+def numbers_by_h5py(path: Path, wanted: str) -> Arrays:
+    """The numbers of a dataset; run by `read_apart`."""
+    with _dataset(path, wanted) as (_, data):
+        chunk = math.prod(data.chunks or ()) * data.dtype.itemsize
+        require(4.0 * math.prod(map(float, data.shape)) * data.dtype.itemsize + chunk, str(path))
+        return {"values": data[()]}
+
+
+@contextmanager
+def _dataset(path: Path, wanted: str) -> Iterator[tuple[Any, Any]]:
+    """The file and its dataset `wanted`; links to other files are not followed."""
     import h5py
 
-    name, wanted = file_and_dataset(path)
-    with reading(name, "HDF5"), h5py.File(name, "r", locking=False) as file:
+    with reading(path, "HDF5"), h5py.File(path, "r", locking=False) as file:
         found = {key: each for key, each in _datasets(file) if not wanted or key == wanted}
         if len(found) != 1:
             names = ", ".join(key for key, _ in _datasets(file)) or "none"
-            raise InputError(f"{name} has the volumes {names:.300}: name one, as in FILE.h5:NAME")
+            raise InputError(f"{path} has the volumes {names:.300}: name one, as in FILE.h5:NAME")
         (data,) = found.values()
         if data.external or data.is_virtual:
-            raise InputError(f"{name} has its numbers in other files: write them into one")
-        chunk = math.prod(data.chunks or ()) * data.dtype.itemsize
-        require(4.0 * math.prod(map(float, data.shape)) * data.dtype.itemsize + chunk, name)
-        return {"values": data[()]}
+            raise InputError(f"{path} has its numbers in other files: write them into one")
+        yield file, data
+
+
+def h5py_type(kind: np.dtype[Any]) -> Any:
+    """HDF5's own type of numbers that lie in a file as NumPy has them."""
+    import h5py
+
+    return h5py.h5t.py_create(kind)
 
 
 def _datasets(file: Any) -> list[tuple[str, Any]]:

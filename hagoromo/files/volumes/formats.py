@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 from hagoromo.errors import InputError
 from hagoromo.files.checks import existing_file
 from hagoromo.files.format import Format
 from hagoromo.files.volumes.arrays import file_and_dataset
+from hagoromo.files.volumes.openvdb import look_at_openvdb
 from hagoromo.files.volumes.tiff_stack import SUFFIXES, slices
 from hagoromo.files.volumes.volume_file import VolumeFile
 
@@ -63,6 +65,7 @@ VOLUMES = (
         "Pillow", "tags but ImageJ's lengths; colours",
     ),
 )  # fmt: skip
+LOOK: dict[str, Callable[[str | Path], VolumeFile]] = {"OpenVDB": look_at_openvdb}
 SUFFIXES_READ = tuple(suffix for each in VOLUMES for suffix in each.suffixes)
 
 
@@ -70,6 +73,13 @@ def volume_format(path: str | Path) -> Format | None:
     """The format of a volume by its name; None for another one. A dataset may be named behind an HDF5 file."""
     name = file_and_dataset(path)[0].lower()
     return next((each for each in VOLUMES if name.endswith(each.suffixes)), None)
+
+
+def look_at_volume(path: str | Path) -> VolumeFile:
+    """As `read_volume`, but that no numbers are read where the file has a header that says what they are."""
+    found = volume_format(path)
+    look = LOOK.get(found.name) if found is not None else None
+    return look(path) if look is not None else read_volume(path)
 
 
 def read_volume(path: str | Path) -> VolumeFile:

@@ -13,9 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
-from hagoromo.files.checks import read_bytes
+from hagoromo.files.apart import Arrays
+from hagoromo.files.checks import PACKED, check_density, existing_file, read_bytes
 from hagoromo.files.memory import require
 from hagoromo.files.reading import reading
+from hagoromo.files.volumes.apart_volume import as_arrays, whole_apart
 from hagoromo.files.volumes.arrays import file_and_dataset
 from hagoromo.files.volumes.openvdb import MOST_GRIDS, NODES, Bytes
 from hagoromo.files.volumes.sparse_lattice import LEAF, LEVEL_SET, SparseLattice, chosen
@@ -44,14 +46,19 @@ class Entry(NamedTuple):
 def read_nanovdb(path: str | Path) -> VolumeFile:
     """A grid of a .nvdb: its only one, the one called density, or the one named behind a colon: smoke.nvdb:flame.
 
-    `InputError` for a level set, numbers in fewer bits than a half float, and what is damaged or too large.
+    Read in a process apart. `InputError` for a level set, numbers in fewer bits than a half float, and what is damaged
+    or too large.
     """
     file, wanted = file_and_dataset(path)
-    source = Bytes(memoryview(read_bytes(file, growth=3.0)))
+    return whole_apart(existing_file(file), "NanoVDB", dense_nanovdb, wanted)
+
+
+def dense_nanovdb(file: Path, wanted: str) -> Arrays:
+    """The values and the matrix of a grid; run by `read_apart`."""
+    source, where = Bytes(memoryview(read_bytes(file, growth=3.0))), f"{file}:{wanted}" if wanted else str(file)
     with reading(file, "NanoVDB"):
-        entry = chosen(_entries(source, file), wanted, file)
-        lattice = _lattice(_block(source, entry, file), str(path))
-    return lattice.dense(str(path))
+        lattice = _lattice(_block(source, chosen(_entries(source, str(file)), wanted, str(file)), file), where)
+    return as_arrays(lattice.dense(where, file))
 
 
 def _entries(source: Bytes, where: str) -> dict[str, Entry]:
@@ -76,11 +83,12 @@ def _entries(source: Bytes, where: str) -> dict[str, Entry]:
     return found
 
 
-def _block(source: Bytes, entry: Entry, where: str) -> memoryview:
+def _block(source: Bytes, entry: Entry, where: Path) -> memoryview:
     """The bytes of a grid, unpacked."""
     from hagoromo.files.zarr_codecs import unpacked
 
-    require(3.0 * entry.size, where)
+    check_density(entry.size, where, PACKED, f"a grid of {entry.size} bytes")
+    require(3.0 * entry.size, str(where))
     held = Bytes(source.data[entry.start : entry.start + entry.packed])
     if entry.codec == PLAIN:
         return held.take(entry.size)

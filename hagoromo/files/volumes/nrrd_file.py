@@ -18,7 +18,7 @@ from hagoromo.files.checks import inside, sized_file
 from hagoromo.files.library import library
 from hagoromo.files.reading import reading
 from hagoromo.files.volumes.payload import BZIP2, GZIP, PLAIN, read_payload
-from hagoromo.files.volumes.volume_file import MM, VolumeFile
+from hagoromo.files.volumes.volume_file import MM, Later, VolumeFile
 from hagoromo.files.whole import write_bytes
 
 LARGEST_HEADER = 1 << 20  # bytes
@@ -101,9 +101,9 @@ def _skip(header: Mapping[str, Any], key: str) -> int:
     return int(header.get(key, header.get(key.replace(" ", ""), 0)))
 
 
-def _volume(values: NDArray[Any], header: Mapping[str, Any], where: str) -> VolumeFile:
+def _volume(values: Later, header: Mapping[str, Any], where: str) -> VolumeFile:
     """values: axes slowest first; an axis that is none of space goes last, as components."""
-    axes = values.ndim
+    axes = len(values.shape)
     directions = header.get("space directions")
     rows: Any = None if directions is None else [None if row is None else np.asarray(row, float) for row in directions]
     kinds = [str(kind) for kind in header.get("kinds", ())] or ["domain"] * axes

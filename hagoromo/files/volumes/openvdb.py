@@ -9,21 +9,24 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
-from hagoromo.files.checks import read_bytes
+from hagoromo.files.apart import Arrays
+from hagoromo.files.checks import existing_file, read_bytes
 from hagoromo.files.reading import reading
+from hagoromo.files.volumes.apart_volume import as_arrays, whole_apart
 from hagoromo.files.volumes.arrays import file_and_dataset
 from hagoromo.files.volumes.sparse_lattice import LEAF, SparseLattice, chosen
-from hagoromo.files.volumes.volume_file import VolumeFile
+from hagoromo.files.volumes.volume_file import Later, VolumeFile
 
 MAGIC, VERSIONS = 0x56444220, range(222, 226)
 ZIP, ACTIVE_MASK, BLOSC = 1, 2, 4  # flags of compression
 HALF = "_HalfFloat"
+REACH = ("file_bbox_min", "file_bbox_max")  # first and last voxel, in the facts of a grid
 TYPES = {
     "float": ("<f4", 1), "double": ("<f8", 1), "half": ("<f2", 1), "int32": ("<i4", 1), "int64": ("<i8", 1),
     "vec3s": ("<f4", 3), "vec3d": ("<f8", 3), "vec3i": ("<i4", 3),
@@ -120,26 +123,52 @@ class Codec:
 def read_openvdb(path: str | Path) -> VolumeFile:
     """A grid of a .vdb: its only one, the one called density, or the one named behind a colon: smoke.vdb:flame.
 
-    `InputError` for a level set, points, a camera's grid, and what is damaged or does not fit the memory.
+    Read in a process apart. `InputError` for a level set, points, a camera's grid, and what is damaged or does not fit
+    the memory, or is far larger than its file.
     """
     file, wanted = file_and_dataset(path)
-    source = Bytes(memoryview(read_bytes(file, growth=3.0)))
+    return whole_apart(existing_file(file), "OpenVDB", dense_openvdb, wanted)
+
+
+def look_at_openvdb(path: str | Path) -> VolumeFile:
+    """As `read_openvdb`, without the numbers where the file states how far its grid reaches, as OpenVDB writes it."""
+    file, wanted = file_and_dataset(path)
+    source = Bytes(memoryview(read_bytes(file)))
     with reading(file, "OpenVDB"):
-        _check_head(source, file)
-        grids = {}
-        for _ in range(source.numbers("i")[0]):
-            name, kind, parent = source.text().split("\x1e")[0], source.text(), source.text()
-            start, _, end = source.numbers("3q")
-            grids.setdefault(name, (kind, parent, start))
-            source.at = end
-            if len(grids) > MOST_GRIDS:
-                raise InputError(f"{file} has more than {MOST_GRIDS} grids: write the one you need")
-        kind, parent, start = chosen(grids, wanted, file)
-        if parent:
-            raise InputError(f"{path} is an instance of {parent:.60}: name that grid")
-        source.at = start
-        lattice = _grid(source, kind, str(path))
-    return lattice.dense(str(path))
+        head = _head(source, _entered(source, wanted, str(path), file), str(path))
+        reach = [head.facts.get(key, b"") for key in REACH]
+        if any(len(end) != 12 for end in reach):
+            return read_openvdb(path)
+        low, high = (np.frombuffer(end, "<i4").astype(np.int64) for end in reach)
+        matrix = head.matrix.copy()
+        matrix[:3, 3] += matrix[:3, :3] @ low
+        shape = (*(high - low + 1)[::-1].tolist(), *([head.components] if head.components > 1 else []))
+        return VolumeFile(Later(shape, head.kind, lambda: read_openvdb(path).values), matrix, str(path))
+
+
+def dense_openvdb(file: Path, wanted: str) -> Arrays:
+    """The values and the matrix of a grid; run by `read_apart`."""
+    source, where = Bytes(memoryview(read_bytes(file, growth=3.0))), f"{file}:{wanted}" if wanted else str(file)
+    with reading(file, "OpenVDB"):
+        lattice = _grid(source, _head(source, _entered(source, wanted, where, str(file)), where), where)
+    return as_arrays(lattice.dense(where, file))
+
+
+def _entered(source: Bytes, wanted: str, where: str, file: str) -> str:
+    """The type of the grid that is wanted, at which `source` then stands."""
+    _check_head(source, file)
+    grids = {}
+    for _ in range(source.numbers("i")[0]):
+        name, kind, parent = source.text().split("\x1e")[0], source.text(), source.text()
+        start, _, end = source.numbers("3q")
+        grids.setdefault(name, (kind, parent, start))
+        source.at = end
+        if len(grids) > MOST_GRIDS:
+            raise InputError(f"{file} has more than {MOST_GRIDS} grids: write the one you need")
+    kind, parent, source.at = chosen(grids, wanted, file)
+    if parent:
+        raise InputError(f"{where} is an instance of {parent:.60}: name that grid")
+    return kind
 
 
 def _check_head(source: Bytes, where: str) -> None:
@@ -165,21 +194,36 @@ def _metadata(source: Bytes) -> dict[str, bytes]:
     return found
 
 
-def _grid(source: Bytes, kind: str, where: str) -> SparseLattice:
+class Head(NamedTuple):
+    """What stands before a tree: type of its numbers and of those in the file, components, flags, facts, place."""
+
+    kind: np.dtype[Any]
+    stored: np.dtype[Any]
+    components: int
+    flags: int
+    facts: dict[str, bytes]
+    matrix: NDArray[np.float64]
+
+
+def _head(source: Bytes, kind: str, where: str) -> Head:
     name = kind.removesuffix(HALF).removeprefix("Tree_").removesuffix("_5_4_3")
     if name not in TYPES or not kind.removesuffix(HALF).endswith("_5_4_3"):
         raise InputError(f"{where} is a grid of type {kind:.40}: {', '.join(TYPES)} are read, in trees of 5, 4, 3")
     (flags,) = source.numbers("I")
-    use = _metadata(source).get("class", b"").decode("utf-8", "replace")
-    matrix = _map(source, where)
+    facts = _metadata(source)
     stored, components = np.dtype(TYPES[name][0]), TYPES[name][1]
+    half = np.dtype("<f2") if kind.endswith(HALF) and stored.kind == "f" else stored
+    return Head(stored, half, components, flags, facts, _map(source, where))
+
+
+def _grid(source: Bytes, head: Head, where: str) -> SparseLattice:
+    stored, components, use = head.kind, head.components, head.facts.get("class", b"").decode("utf-8", "replace")
     if source.numbers("I")[0] != 1:
         raise ValueError("its leaves have several buffers")
     background = source.array(stored, components)
-    half = np.dtype("<f2") if kind.endswith(HALF) and stored.kind == "f" else stored
-    codec = Codec(stored, half, components, flags, background)
+    codec = Codec(stored, head.stored, components, head.flags, background)
     single = components == 1
-    lattice = SparseLattice(where, use, stored, components, background[0] if single else background, matrix)
+    lattice = SparseLattice(where, use, stored, components, background[0] if single else background, head.matrix)
     tiles, children = source.numbers("II")
     for _ in range(tiles):
         first, value = source.array("<i4", 3).astype(np.int64), source.array(stored, components)

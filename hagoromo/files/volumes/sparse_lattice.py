@@ -6,16 +6,19 @@ A leaf is a cube of 8³ voxels, a tile a larger cube of one value. Their arrays 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
+from hagoromo.files.checks import check_density
 from hagoromo.files.volumes.volume_file import VolumeFile, check_size
 
 LEAF = 8  # voxels along an edge
 LARGEST_INDEX = 1 << 31
+FEW_VOXELS, MOST_VOXELS_PER_BYTE = 1 << 24, float(1 << 16)  # of a sparse file, in its dense lattice
 LEVEL_SET = "level set"
 
 
@@ -36,8 +39,11 @@ class SparseLattice:
     leaves: list[tuple[NDArray[np.int64], NDArray[np.bool_], NDArray[Any]]] = field(default_factory=list)
     tiles: list[tuple[NDArray[np.int64], int, Any]] = field(default_factory=list)
 
-    def dense(self, where: str) -> VolumeFile:
-        """All voxels between the first and the last active ones; `InputError` where none is, or they do not fit."""
+    def dense(self, where: str, file: Path | None = None) -> VolumeFile:
+        """All voxels between the first and the last active ones; `InputError` where none is, or they do not fit.
+
+        file: from which it is; where it is far smaller than the voxels, it is refused.
+        """
         if self.use == LEVEL_SET:
             raise InputError(f"{where} is a level set, no density: make it a fog volume in the program it is from")
         spans = [_span(first, active) for first, active, _ in self.leaves if active.any()]
@@ -50,6 +56,9 @@ class SparseLattice:
             raise InputError(f"{where} has voxels at {low.tolist()}: it is damaged")
         shape, last = tuple((high - low).tolist()), (self.components,) if self.components > 1 else ()
         check_size(shape, np.dtype(self.kind).itemsize * self.components, where)
+        count = float(np.prod(shape, dtype=float))
+        if file is not None and count > FEW_VOXELS:
+            check_density(count, file, MOST_VOXELS_PER_BYTE, f"a lattice of {' × '.join(map(str, shape))}")
         values = np.empty((*shape, *last), self.kind)
         values[:] = self.background
         for first, edge, value in self.tiles:

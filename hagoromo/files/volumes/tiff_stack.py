@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
-from hagoromo.files.checks import existing_file, inside, read_bytes
+from hagoromo.files.apart import Arrays
+from hagoromo.files.checks import PACKED, check_density, existing_file, inside, read_bytes
 from hagoromo.files.memory import require
 from hagoromo.files.reading import reading
 from hagoromo.files.silence import opencv_silenced, tifffile_silenced
-from hagoromo.files.tiff import read_tiff
-from hagoromo.files.volumes.volume_file import NUMBER_KINDS, VolumeFile, grid_matrix
+from hagoromo.files.tiff import read_tiff, tiff_page
+from hagoromo.files.volumes.apart_volume import ELSEWHERE, header_arrays, volume_apart
+from hagoromo.files.volumes.volume_file import NUMBER_KINDS, Later, VolumeFile, grid_matrix
 
 SUFFIXES = (".tif", ".tiff")
 UNITS = {"um": 1e-6, "µm": 1e-6, "micron": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0, "nm": 1e-9}
@@ -28,7 +32,9 @@ UNITS = {"um": 1e-6, "µm": 1e-6, "micron": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1
 def read_tiff_stack(path: str | Path) -> VolumeFile:
     """The volume of a file of several pages, or of a folder of files of one page each."""
     path = Path(path)
-    return _folder(path) if path.is_dir() else _file(existing_file(path))
+    if path.is_dir():
+        return _folder(path)
+    return volume_apart(existing_file(path), "TIFF", header_by_tifffile, numbers_by_library)
 
 
 def slices(folder: Path) -> list[Path]:
@@ -41,41 +47,72 @@ def _folder(folder: Path) -> VolumeFile:
     files = [inside(folder, file.name) for file in slices(folder)]
     if len(files) < 2:
         raise InputError(f"{folder} has {len(files)} TIFF files: give a folder of two or more layers")
-    first = read_tiff(files[0])
-    require(2.0 * len(files) * first.nbytes, str(folder))
-    values = np.empty((len(files), *first.shape), first.dtype)
-    for k, file in enumerate(files):
-        layer = read_tiff(file)
-        if layer.shape != first.shape or layer.dtype != first.dtype:
-            raise InputError(f"{file} is of another size or type than {files[0].name}: give layers of one kind")
-        values[k] = layer
-    return VolumeFile(values, None, str(folder))
+    first = tiff_page(files[0])
+    layer = first.shape[:2] if first.shape[2:] == (1,) else first.shape
+    kind = first.kind.newbyteorder("=")
+
+    def read() -> NDArray[Any]:
+        require(2.0 * len(files) * first.size, str(folder))
+        values = np.empty((len(files), *layer), kind)
+        for k, file in enumerate(files):
+            page = read_tiff(file)
+            if page.shape != layer or page.dtype != kind:
+                raise InputError(f"{file} is of another size or type than {files[0].name}: give layers of one kind")
+            values[k] = page
+        return values
+
+    return VolumeFile(Later((len(files), *layer), kind, read), None, str(folder))
 
 
-def _file(path: Path) -> VolumeFile:
+def header_by_tifffile(path: Path, _: str) -> Arrays:
+    """What the file states; run by `read_apart`."""
+    with _series(path) as (file, series, page):
+        offset = series.dataoffset
+        kind = np.dtype(page.dtype).newbyteorder(file.byteorder)
+        shape = (len(series.pages), *page.shape)
+        return header_arrays(shape, kind, _matrix(file, page), ELSEWHERE if offset is None else offset)
+
+
+def numbers_by_library(path: Path, _: str) -> Arrays:
+    """values (nz, ny, nx) of pages that are packed, or not in one piece; run by `read_apart`."""
+    with _series(path) as (file, series, page):
+        shape = (len(series.pages), *page.shape)
+        require(3.0 * math.prod(map(float, shape)) * page.dtype.itemsize, str(path))
+        kind = np.dtype(page.dtype).newbyteorder(file.byteorder)
+        if not _is_packed(page):
+            return {"values": series.asarray().reshape(shape).astype(kind)}
+    return {"values": _unpacked(path, shape, kind.newbyteorder("=")).astype(kind)}
+
+
+@contextmanager
+def _series(path: Path) -> Iterator[tuple[Any, Any, Any]]:
+    """The file, its first series of pages, and one of them, as tifffile has them, whose headers are checked."""
     import tifffile
 
     with reading(path, "TIFF"), tifffile_silenced(), tifffile.TiffFile(path) as file:
         series = file.series[0]
         page, count = series.keyframe, len(series.pages)
-        shape = (count, *page.shape)
-        if len(shape) != 3 or count < 2 or page.dtype is None or page.dtype.kind not in NUMBER_KINDS:
+        if len(page.shape) != 2 or count < 2 or page.dtype is None or page.dtype.kind not in NUMBER_KINDS:
             raise InputError(f"{path} has {count} pages of {str(page.shape)[:40]}: a stack has two or more of grey")
-        require(3.0 * math.prod(map(float, shape)) * page.dtype.itemsize, str(path))
-        plain = page.compression == tifffile.COMPRESSION.NONE
-        if plain and sum(sum(each.databytecounts) for each in series.pages if each is not None) > path.stat().st_size:
+        held, packed = path.stat().st_size, _is_packed(page)
+        if not packed and sum(sum(each.databytecounts) for each in series.pages if each is not None) > held:
             raise InputError(f"{path} is cut off: copy it again")
-        values = series.asarray().reshape(shape) if plain else _unpacked(path, shape, page.dtype)
-        return VolumeFile(values, _matrix(file, page), str(path))
+        size = count * math.prod(map(float, page.shape)) * page.dtype.itemsize
+        check_density(size, path, PACKED if packed else 1.0, f"{count} pages of {str(page.shape)[:40]}")
+        yield file, series, page
+
+
+def _is_packed(page: Any) -> bool:
+    return page.compression != 1
 
 
 def _unpacked(path: Path, shape: tuple[int, ...], kind: Any) -> NDArray[Any]:
     import cv2
 
-    with opencv_silenced():
+    with reading(path, "TIFF"), opencv_silenced():
         done, pages = cv2.imdecodemulti(np.frombuffer(read_bytes(path), np.uint8), cv2.IMREAD_UNCHANGED)
-    if not done or len(pages) != shape[0] or any(page.shape != shape[1:] or page.dtype != kind for page in pages):
-        raise ValueError("its packed pages are damaged")
+        if not done or len(pages) != shape[0] or any(page.shape != shape[1:] or page.dtype != kind for page in pages):
+            raise ValueError("its packed pages are damaged")
     return np.stack(pages)
 
 

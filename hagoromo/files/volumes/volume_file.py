@@ -6,8 +6,9 @@ The file's first index is x, its second y, its third z, whatever they are called
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -23,27 +24,61 @@ NUMBER_KINDS = "biuf"  # kinds of NumPy types
 
 
 @dataclass(frozen=True, eq=False)
+class Later:
+    """Numbers of a file that are not read yet: their shape and type, as its header states them, and what reads them."""
+
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+    read: Callable[[], NDArray[Any]]
+
+    def transpose(self, order: Sequence[int]) -> Later:
+        """The same with its axes in another order."""
+        return Later(tuple(self.shape[k] for k in order), self.dtype, lambda: self.read().transpose(order))
+
+
+@dataclass(frozen=True, eq=False)
 class VolumeFile:
-    """values: (nz, ny, nx) or (nz, ny, nx, components), of any type of numbers, also a view of the file.
+    """stored: (nz, ny, nx) or (nz, ny, nx, components), of any type of numbers, also a view of the file, or `Later`.
 
     matrix: (4, 4), whole at the centres of voxels: index (x, y, z) → place in the file's world [m]; None where the file
     does not tell. where: the file, for messages.
     """
 
-    values: NDArray[Any]
+    stored: NDArray[Any] | Later
     matrix: NDArray[np.float64] | None
     where: str
 
     def __post_init__(self) -> None:
-        values = self.values
-        if values.dtype.kind not in NUMBER_KINDS:
-            raise InputError(f"{self.where} holds values of type {values.dtype}: give a volume of numbers")
-        if values.ndim not in (3, 4) or min(values.shape, default=0) < 1:
-            raise InputError(f"{self.where} is an array of {_shape(values.shape)}: a volume has three axes (x, y, z)")
+        if self.dtype.kind not in NUMBER_KINDS:
+            raise InputError(f"{self.where} holds values of type {self.dtype}: give a volume of numbers")
+        if len(self.shape) not in (3, 4) or min(self.shape, default=0) < 1:
+            raise InputError(f"{self.where} is an array of {_shape(self.shape)}: a volume has three axes (x, y, z)")
         if self.matrix is not None and not (
             np.isfinite(self.matrix).all() and np.linalg.norm(self.matrix[:3, :3], axis=0).all()
         ):
             raise InputError(f"{self.where} has no right place in the world: {self.matrix[:3].tolist()}")
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """(nz, ny, nx) or (nz, ny, nx, components)."""
+        return self.stored.shape
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Type of the numbers."""
+        return self.stored.dtype
+
+    @cached_property
+    def values(self) -> NDArray[Any]:
+        """The numbers, which are read when they are first asked for. `InputError` where they are damaged or missing."""
+        if not isinstance(self.stored, Later):
+            return self.stored
+        values = self.stored.read()
+        if values.shape != self.shape or values.dtype != self.dtype:
+            raise InputError(
+                f"{self.where} holds {_shape(values.shape)} and states {_shape(self.shape)}: it is damaged"
+            )
+        return values
 
     @property
     def edges(self) -> NDArray[np.float64] | None:
@@ -96,10 +131,15 @@ def resampled(values: NDArray[Any], edges: Sequence[float], edge: float) -> NDAr
     return even
 
 
-def check_size(shape: Sequence[float], itemsize: int, where: str, copies: float = 2.0) -> None:
-    """Raise `InputError` where a lattice that a header states does not fit the memory, or is none."""
+def check_lattice(shape: Sequence[float], where: str) -> None:
+    """Raise `InputError` where a lattice that a header states is none."""
     if not all(isinstance(n, (int, np.integer)) and n > 0 for n in shape):
         raise InputError(f"{where} states a lattice of {_shape(shape)}: give whole numbers above 0")
+
+
+def check_size(shape: Sequence[float], itemsize: int, where: str, copies: float = 2.0) -> None:
+    """Raise `InputError` where a lattice that a header states does not fit the memory, or is none."""
+    check_lattice(shape, where)
     require(copies * itemsize * math.prod(map(float, shape)), where)
 
 

@@ -5,6 +5,7 @@ Also how image data are written, without VTK. Lengths of VTI have no unit: they 
 
 from __future__ import annotations
 
+import math
 import struct
 from collections.abc import Mapping
 from pathlib import Path
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
 from hagoromo.files.apart import read_apart
-from hagoromo.files.checks import existing_file
+from hagoromo.files.checks import PACKED, check_density, existing_file
 from hagoromo.files.library import library
 from hagoromo.files.reading import reading
 from hagoromo.files.volumes.volume_file import MM, VolumeFile, check_size
@@ -44,7 +45,9 @@ def image_by_vtk(path: Path) -> Mapping[str, NDArray[Any]]:
         if extent is None:
             raise InputError(f"{path} has no lattice: it is damaged, or no image data")
         low, high = np.array(extent).reshape(3, 2).T
-        check_size((high - low + 1).tolist(), 8, str(path), 3.0)
+        stated = (high - low + 1).tolist()
+        check_size(stated, 8, str(path), 3.0)
+        check_density(math.prod(map(float, stated)), path, PACKED, f"a lattice of {stated}")
         reader.Update()
         image = reader.GetOutput()
         array, cells = _scalars(image, path)

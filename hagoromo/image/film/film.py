@@ -21,7 +21,7 @@ from hagoromo.errors import InputError
 from hagoromo.files.content import content_with_named
 from hagoromo.files.film_file import check_film_name, frames_of, write_film
 from hagoromo.files.png import png_bytes, read_png
-from hagoromo.files.record import read_json, write_json, written_by
+from hagoromo.files.record import is_number, read_json_table, write_json, written_by
 from hagoromo.files.resumable import resumable_folder
 from hagoromo.files.whole import replaceable_file, tidied, whole_file, write_bytes
 from hagoromo.image.film.motion import Tables, read_motion, turned
@@ -148,7 +148,7 @@ def _ordered(
 def _is_film(folder: Path, order: FilmOrder) -> bool:
     """Whether `folder`, which appears when it is whole, holds the frames of a film."""
     record = folder / RECORD
-    return record.is_file() and read_json(record).get("film") == order.fingerprint
+    return record.is_file() and read_json_table(record).get("film") == order.fingerprint
 
 
 def frame_name(number: int) -> str:
@@ -177,7 +177,10 @@ def _fill(home: Path, order: FilmOrder, scheduler: str | int | None, progress: P
 
 
 def _exposure(home: Path) -> float:
-    return float(read_json(home / RECORD)["exposure"])
+    exposure: Any = read_json_table(home / RECORD).get("exposure")
+    if not is_number(exposure):
+        raise InputError(f"{home / RECORD} states no exposure of the film: remove the folder, and make the film anew")
+    return float(exposure)
 
 
 def _frames(home: Path, numbers: Any) -> Iterator[NDArray[np.uint8]]:

@@ -5,12 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 from hagoromo.cluster.cluster import Workers
-from hagoromo.files.record import read_json
+from hagoromo.files.record import decode, read_json
 from hagoromo.measurement.normals.gloss_choice import BY_EVIDENCE, GlossModel
 from hagoromo.measurement.surface.tile_store import FolderSource, Source, binned, coarse_factor, tile_store
 from hagoromo.measurement.surface.tiles import Coarse, Fine, solve_coarse, solve_tiles
 from hagoromo.photograph.capture import Capture, capture_file, count_absent, load_capture
 from hagoromo.photograph.photograph import Photograph
+from hagoromo.photograph.transforms import CaptureRecord
 from hagoromo.progress import Progress, part_of, silent
 
 LARGEST_CAPTURE_BYTES = 4 * 2**30  # largest memory of a capture that is solved without tiles
@@ -23,10 +24,10 @@ STORING_SHARE, COARSE_SHARE = 0.3, 0.1  # shares of the time: writing tiles, sol
 def large_source(folder: str | Path) -> FolderSource | None:
     """The photographs of a capture of unknown shape that is too large to be solved as one; None for any other."""
     file = capture_file(folder)
-    record = read_json(file)
-    frames = record.get("frames")
-    if not isinstance(frames, list) or ("points_path" in record and "normals_path" in record):
+    top = decode(read_json(file), CaptureRecord, str(file))
+    if top.points_path is not None and top.normals_path is not None:
         return None
+    frames = top.frames
     present = tuple(i for i, frame in enumerate(frames) if not count_absent(file, [frame]))
     if not present:
         return None

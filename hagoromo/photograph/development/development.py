@@ -11,7 +11,7 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,7 @@ from hagoromo.errors import InputError
 from hagoromo.files.exr import read_exr, write_exr
 from hagoromo.files.finite import finite_json
 from hagoromo.files.memory import require
-from hagoromo.files.record import json_value
+from hagoromo.files.record import ForeignRecord, Pair, Positive, about, decode, json_value
 from hagoromo.files.whole import whole_file
 from hagoromo.photograph.development.bracket import Merged, Shot, merge
 from hagoromo.photograph.development.exposure import LINEAR_ROUNDING, Exposure, alike, planes
@@ -42,6 +42,21 @@ RECORD = (
     "shifts_px", "clipped", "hot",
 )  # fmt: skip
 SAME_SETTING = 1e-3  # largest relative difference of equal apertures or ISO speeds
+
+
+class DevelopmentRecord(ForeignRecord, frozen=True, kw_only=True):
+    """The texts of an EXR of `develop`."""
+
+    gain: Annotated[Positive, about("electrons per digital number [e⁻/DN]")]
+    read_noise: Annotated[float, about("standard deviation of the read noise [e⁻]")]
+    gain_standard_error: Annotated[float, about("of the gain [e⁻/DN]")]
+    read_noise_standard_error: Annotated[float, about("of the read noise [e⁻]")]
+    noise_from: Annotated[str, about("where both are from")]
+    exposures_s: Annotated[dict[str, float], about("name of each exposure, and its time [s]")]
+    ratios: Annotated[list[dict[str, float]], about("ratio of the signals of each two exposures, error and bend")]
+    shifts_px: Annotated[dict[str, Pair], about("name of each exposure, and its shift [px]")]
+    clipped: Annotated[float, about("share of samples that are clipped in all exposures")]
+    hot: Annotated[float, about("share of hot samples")]
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,6 +157,7 @@ class Development:
                 for kind in (NATIVE, VALID)
             )
             record = {key: json_value(header[key], f"{path}: {key}") for key in RECORD}
+            decode(record, DevelopmentRecord, str(path))
             valid, focal = layers[ALPHA] == 1.0, header.get("focal_px")
             return Development(
                 values, variance, np.asarray(valid, np.bool_), native,

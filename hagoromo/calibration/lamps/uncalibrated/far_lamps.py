@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.calibration.lamps import check_spread
+from hagoromo.calibration.lamps.lamp_records import check_of_object
 from hagoromo.calibration.lamps.uncalibrated.bas_relief import ObjectPrior
 from hagoromo.calibration.lamps.uncalibrated.low_rank import Array
 from hagoromo.calibration.lamps.uncalibrated.reduced import colours, reduced
@@ -98,6 +99,7 @@ class SelfCalibration:
         """The calibration that `save` wrote; `load_lamps` gives its lamps alone. `InputError` for another file."""
         record = decode(read_json(path), LampsRecord, str(path))
         try:
+            check_of_object(record, str(path))
             return _from_record(record)
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(
