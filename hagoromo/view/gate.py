@@ -7,6 +7,7 @@ The sockets of those who are let in are wrapped, too: see `Wire`.
 
 from __future__ import annotations
 
+import asyncio
 import hmac
 import http
 import io
@@ -113,11 +114,36 @@ def gated_server(host: str, port: int, gate: Gate) -> Any:
     if not gate.stands:
         server.stop()
         raise RuntimeError(f"viser {viser.__version__} does not listen by websockets.asyncio.server.serve")
+    sockets: Any = server._websock_server
     for share in (_messages.ShareUrlRequest, _messages.ShareUrlDisconnect):  # would publish it through a relay
-        server._websock_server.unregister_handler(share)
-    server._event_loop.set_exception_handler(_log_fault)
+        sockets.unregister_handler(share)
+    loop = server._event_loop
+    loop.set_exception_handler(_log_fault)
+    sockets._broadcast_buffer.message_event = Woken(loop)
+    sockets.on_client_connect(lambda one: setattr(one._state.message_buffer, "message_event", Woken(loop)))
     gate.server = server
     return server
+
+
+class Woken(asyncio.Event):
+    """Wakes what sends messages, by its own loop alone.
+
+    Viser sets this event in the thread that has a message, too, whose waiters the loop may be changing at that time: an
+    exception now and then, in a thread that has done nothing wrong. It is set through the loop in any case.
+    """
+
+    def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
+        super().__init__()
+        self._own = loop
+
+    def set(self) -> None:
+        """Set it, if this is the loop's thread."""
+        try:
+            here = asyncio.get_running_loop()
+        except RuntimeError:  # no loop runs in this thread
+            return
+        if here is self._own:
+            super().set()
 
 
 @contextmanager

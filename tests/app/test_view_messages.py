@@ -21,6 +21,7 @@ from fuzz.worker import sample_of, written
 from hagoromo.app.view_verb import LOOPBACK
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
+from hagoromo.view import gate
 from hagoromo.view.browser import Browser, in_window
 from hagoromo.view.messages import KINDS, LARGEST_WINDOW
 from hagoromo.view.open_desk import open_desk
@@ -200,6 +201,20 @@ def test_a_fault_in_what_one_viewer_asked_for_does_not_end_the_others(tmp_path):
         until(browser, lambda: list(browser.desk.history) == ["stops"])
     faults = [one for one in said if one.levelno == logging.ERROR]
     assert {"ZeroDivisionError", "KeyError"} <= {str(one.args).split("'")[1] for one in faults}
+
+
+def test_a_picture_that_is_queued_leaves_what_waits_in_the_loop_alone(tmp_path):
+    """Viser wakes its senders from any thread, which fails now and then where the loop changes them at that time."""
+    with served(tmp_path) as (browser, _):
+        sockets = browser.server._websock_server
+        buffers = [sockets._broadcast_buffer, *(one.message_buffer for one in sockets._client_state_from_id.values())]
+        assert [type(one.message_event) for one in buffers] == [gate.Woken] * 2
+        loop = browser.server._event_loop
+        event = gate.Woken(loop)
+        event.set()
+        assert not event.is_set(), "another thread set it"
+        loop.call_soon_threadsafe(event.set)
+        until(browser, event.is_set)
 
 
 @pytest.mark.parametrize(
