@@ -1,4 +1,5 @@
-"""Fuzzer: spoilt files of every kind that the package reads must be refused in one line, or read.
+"""Fuzzer: spoilt files of every kind that the package reads, and spoilt sessions of its viewer, must be refused in one
+line, or read.
 
     python -m fuzz                                # every reader, a fixed count of mutations
     python -m fuzz --reader wif --seed 1234       # one mutation again

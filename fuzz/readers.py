@@ -11,9 +11,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fuzz import boxes, curves, gltf_scenes, meshes, mitsuba_scenes, pictures, recipes, records, usd_scenes, volumes
+from fuzz import (
+    boxes, curves, gltf_scenes, meshes, mitsuba_scenes, pictures, recipes, records, usd_scenes, viewer, volumes,
+)  # fmt: skip
 from fuzz.trees import spoilt_json
 from fuzz.verbs import SLOW, VERBS, WORDS
+from fuzz.viewer_session import image_session, scene_session, spoil
 
 
 class Reader(NamedTuple):
@@ -190,6 +193,7 @@ READ_MAP = _late("hagoromo.light.environment", "Environment.from_file")
 READ_EXIF = _late("hagoromo.files.exif", "read_exif")
 HAS_ALEMBIC = find_spec("alembic3d") is not None
 HAS_USD = find_spec("pxr") is not None
+HAS_VISER = find_spec("viser") is not None
 HAS_VTK = find_spec("vtkmodules") is not None  # an extra
 READ_VOLUME = _late("hagoromo.files.volumes.formats", "read_volume")
 READ_CURVES = _late("hagoromo.files.curves.curve_file", "read_curves")
@@ -197,6 +201,8 @@ READ_MESH = _late("hagoromo.files.mesh", "read_mesh")
 READ_PARTS = _late("hagoromo.files.mesh_parts", "read_parts")
 SIMPLE = (
     Reader("scene.toml", records.scene, LOAD_SCENE, "scene.toml"),
+    Reader("view-scene.session", scene_session, viewer.read_of("scene.toml"), share=0.5, good=HAS_VISER, spoil=spoil),
+    Reader("view-image.session", image_session, viewer.read_of("a.exr"), share=0.3, good=HAS_VISER, spoil=spoil),
     Reader("motion", records.motion, _late("hagoromo.image.film.motion", "read_motion"), "scene.toml"),
     *(
         Reader(f"recipe-{name}.toml", records.recipe(name), _tables)

@@ -1,13 +1,14 @@
 """Browser: viewers by viser, each with a camera of its own, before one desk.
 
-Viser calls from its threads. Each call only puts what is to be done into a queue, which the thread that traces rays
-takes from between two pictures: all else is done by one thread, in the order of the calls.
+Viser calls from its threads. Each call only reads what was asked for and puts it into a queue, which the thread that
+traces rays takes from between two pictures: all else is done by one thread, in the order of the calls. A fault in what
+one viewer asked for is a line in the log, and the others go on.
 """
 
 from __future__ import annotations
 
-import contextlib
 import io
+import logging
 import math
 import queue
 from collections.abc import Callable
@@ -20,16 +21,20 @@ from numpy.typing import NDArray
 from hagoromo.camera.camera import Camera
 from hagoromo.camera.pose import inverse_pose, pose_of
 from hagoromo.errors import InputError
+from hagoromo.files.names import reason
 from hagoromo.view.gate import Gate, gated_server
 from hagoromo.view.own_panel import OwnPanel
 from hagoromo.view.panel import Panel
 from hagoromo.view.picture_desk import PictureDesk, PictureWatcher
 from hagoromo.view.watcher import Desk, Watcher
+from hagoromo.view.wire import PRESENT
 
+LOG = logging.getLogger(__name__)
 WAIT_S = 0.5  # for something to do; Ctrl-C is heard within
 JPEG_QUALITY = 90  # of pictures that a better one follows; the last is lossless
 NOTICE_S = 8.0  # for which a notice stays
 SURROUND = 24  # display value beside a picture of another shape than the window
+LONGEST_WINDOW = 8.0  # of a window's sides, the longer over the shorter: a picture is not padded to more
 
 
 class Browser:
@@ -47,7 +52,7 @@ class Browser:
         self.server.gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False)
         self.server.gui.main_panel.dock_right()
         self.panel = Panel(self.server, desk, self._queued)
-        self.server.scene.on_click()(self._queued(self._clicked))
+        self.server.scene.on_click()(self._queued(self._clicked, lambda event: (event.client_id, event.screen_pos)))
         self.server.on_client_connect(self._queued(self._joins))
         self.server.on_client_disconnect(self._queued(self._leaves))
 
@@ -68,43 +73,67 @@ class Browser:
         with redirect_stdout(io.StringIO()):
             self.server.stop()
 
-    def _queued(self, act: Callable[..., None]) -> Callable[..., Any]:
-        """A callback of viser that puts `act` into the queue, in the order of the calls."""
+    def _queued(self, act: Callable[..., None], read: Callable[..., tuple[Any, ...] | None] | None = None) -> Any:
+        """A callback of viser that puts `act` into the queue, in the order of the calls.
+
+        read: gives what `act` is called with, from what viser calls with and at that time: widgets change meanwhile.
+        None: there is nothing to do.
+        """
 
         async def queued(*what: Any) -> None:
-            self.events.put(lambda: act(*what))
+            given, wire = what if read is None else read(*what), PRESENT.get()
+            if given is None:
+                return
+            if wire is not None:
+                wire.put += 1
+
+            def done() -> None:
+                try:
+                    act(*given)
+                finally:
+                    if wire is not None:
+                        wire.done += 1
+
+            self.events.put(done)
 
         return queued
 
     def _heed(self, seconds: float) -> None:
-        """Do all that viewers asked for; wait for the first up to `seconds`."""
-        with contextlib.suppress(queue.Empty):
-            act = self.events.get(timeout=seconds) if seconds else self.events.get_nowait()
-            while True:
-                try:
-                    act()
-                except InputError as error:
-                    self.panel.say(f"not done: {error}")
-                act = self.events.get_nowait()
+        """Do all that viewers have asked for by now; wait for the first up to `seconds`."""
+        for number in range(self.events.qsize() or 1):  # what comes meanwhile waits for the next picture
+            try:
+                act = self.events.get(seconds > 0.0 and number == 0, seconds or None)
+            except queue.Empty:
+                return
+            try:
+                act()
+            except InputError as error:
+                self.panel.say(f"not done: {error}")
+            except Exception as error:
+                _log_fault(error)
 
     def _show(self) -> bool:
         """Send each viewer its next picture; whether there was any."""
         any_shown = False
         for own, watcher in list(self.watchers.values()):
-            client = own.client
             try:
-                shown = watcher.next()
+                any_shown = self._show_one(own.client, watcher) or any_shown
             except InputError as error:
-                client.add_notification("Hagoromo", str(error), auto_close_seconds=NOTICE_S)
-                continue
-            if shown is None:
-                continue
-            any_shown = True
-            picture = in_window(shown.picture, client.camera.aspect)
-            kind: Any = "png" if shown.last else "jpeg"
-            client.scene.set_background_image(picture, format=kind, jpeg_quality=JPEG_QUALITY)
-            client.flush()
+                own.client.add_notification("Hagoromo", str(error), auto_close_seconds=NOTICE_S)
+            except Exception as error:
+                _log_fault(error)
         return any_shown
+
+    def _show_one(self, client: Any, watcher: Watcher | PictureWatcher) -> bool:
+        """Send a viewer its next picture; whether there was one."""
+        shown = watcher.next()
+        if shown is None:
+            return False
+        picture = in_window(shown.picture, client.camera.aspect)
+        kind: Any = "png" if shown.last else "jpeg"
+        client.scene.set_background_image(picture, format=kind, jpeg_quality=JPEG_QUALITY)
+        client.flush()
+        return True
 
     def _joins(self, client: Any) -> None:
         watcher = self.desk.watcher()
@@ -126,9 +155,9 @@ class Browser:
         if abs(fov - camera.fov) > 1e-4:
             camera.fov = fov
 
-    def _clicked(self, event: Any) -> None:
-        if event.client_id in self.watchers:
-            self.watchers[event.client_id][0].clicked(*event.screen_pos)
+    def _clicked(self, client_id: int, place: tuple[float, float]) -> None:
+        if client_id in self.watchers:
+            self.watchers[client_id][0].clicked(*place)
 
     def _place_cameras(self) -> None:
         """Cameras of new viewers stand where that of the desk does, and turn about what it sees."""
@@ -157,8 +186,15 @@ def field_of_view(camera: Camera, aspect: float) -> float:
 
 
 def in_window(picture: NDArray[np.uint8], aspect: float) -> NDArray[np.uint8]:
-    """The picture in the middle of one of the window's shape, width over height `aspect`."""
+    """The picture in the middle of one of the window's shape, width over height `aspect`; 1:8 to 8:1 at most."""
     height, width = picture.shape[:2]
+    aspect = min(max(aspect, 1.0 / LONGEST_WINDOW), LONGEST_WINDOW)
     aside = max(round(height * aspect) - width, 0) // 2
     above = max(round(width / aspect) - height, 0) // 2
     return np.pad(picture, ((above, above), (aside, aside), (0, 0)), constant_values=SURROUND)
+
+
+def _log_fault(error: Exception) -> None:
+    """One line on what no viewer should be able to cause; where it arose, with --verbose."""
+    LOG.error("a fault of the viewer, which goes on: %s: %s", type(error).__name__, reason(error))
+    LOG.debug("it arose here", exc_info=error)

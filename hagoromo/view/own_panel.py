@@ -12,6 +12,7 @@ from hagoromo.camera.camera import Camera
 from hagoromo.camera.pose import inverse_pose
 from hagoromo.errors import InputError
 from hagoromo.image.render import render
+from hagoromo.view.panel import value_set
 from hagoromo.view.photographs import LARGEST_DIFFERENCE, through
 from hagoromo.view.picture_desk import PictureDesk, PictureWatcher
 from hagoromo.view.probe import WAVELENGTHS, Probe, probe_text
@@ -54,7 +55,7 @@ class OwnPanel:
         queued, desk = self.panel.queued, self.watcher.desk
         eye = gui.add_vector3("eye [m]", tuple(desk.camera.position), step=1e-4)
         target = gui.add_vector3("target [m]", tuple(desk.middle), step=1e-4)
-        gui.add_button("look from there").on_click(queued(lambda _: self.look(eye.value, target.value)))
+        gui.add_button("look from there").on_click(queued(self.look, lambda _: (eye.value, target.value)))
         gui.add_button("the scene's camera").on_click(queued(lambda _: self.jump(desk.camera)))
         self.places = [eye, target]
 
@@ -62,11 +63,11 @@ class OwnPanel:
         """Cameras to jump to, and what their photographs are held against."""
         queued = self.panel.queued
         names = gui.add_dropdown("photograph", (NONE, *self.watcher.desk.photographs))
-        names.on_update(queued(lambda event: self.hold_against(event.target.value)))
+        names.on_update(queued(self.hold_against, value_set))
         wipe = gui.add_slider("photograph | picture", 0.0, 1.0, 0.01, 0.5)
-        wipe.on_update(queued(lambda event: setattr(self.watcher, "wipe", event.target.value)))
+        wipe.on_update(queued(lambda value: setattr(self.watcher, "wipe", value), value_set))
         differs = gui.add_checkbox(f"ΔE00, {LARGEST_DIFFERENCE:g} is white", False)
-        differs.on_update(queued(lambda event: setattr(self.watcher, "differs", event.target.value)))
+        differs.on_update(queued(lambda value: setattr(self.watcher, "differs", value), value_set))
         self.watcher.wipe = 0.5
 
     def hold_against(self, name: str) -> None:

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
 from hagoromo.view.controls import Choice, Colour, Control, Place, Slider
@@ -21,10 +22,8 @@ GIZMO_SHARE = 0.15  # size of a gizmo, of the height that the camera sees at the
 class Panel:
     """The controls of `desk` at a viser server."""
 
-    def __init__(
-        self, server: Any, desk: Desk | PictureDesk, queued: Callable[[Callable[..., None]], Callable[..., Any]]
-    ) -> None:
-        """`queued`: makes a callback of viser of a function that this thread is to call."""
+    def __init__(self, server: Any, desk: Desk | PictureDesk, queued: Callable[..., Any]) -> None:
+        """`queued`: makes a callback of viser of a function that this thread is to call; see `Browser._queued`."""
         self.server, self.desk, self.queued = server, desk, queued
         self.first: Any = desk.state
         self.controls: dict[str, Control] = {}
@@ -36,7 +35,7 @@ class Panel:
         gui = server.gui
         self.message = gui.add_markdown(desk.hint)
         acts = {"undo": self.undo, "redo": self.redo} | ({"add a lamp": self.add_lamp} if desk.has_scene else {})
-        gui.add_button_group("", tuple(acts)).on_click(queued(lambda event: acts[event.target.value]()))
+        gui.add_button_group("", tuple(acts)).on_click(queued(lambda name: acts[name](), value_set))
         self.refresh()
 
     def say(self, text: str) -> None:
@@ -133,7 +132,7 @@ class Panel:
             widget = gui.add_rgb(control.label, value)
         else:
             widget = gui.add_vector3(control.label, value, step=1e-4)
-        widget.on_update(self.queued(lambda event: self.edit(control.name, event.target.value)))
+        widget.on_update(self.queued(lambda value: self.edit(control.name, value), value_set))
         return widget
 
     def _set(self, widget: Any, value: Any) -> None:
@@ -152,7 +151,8 @@ class Panel:
         self.server.scene.add_label(f"{name}/name", control.folder.partition(" ")[2])
         self.gizmos[control.name] = gizmo
         self._place_gizmo(control.name)
-        gizmo.on_update(self.queued(lambda event: self._dragged(control.name, event.phase)))
+        dragged = lambda event: (control.name, np.array(event.target.position), event.phase)  # noqa: E731
+        gizmo.on_update(self.queued(self._dragged, dragged))
 
     def _place_gizmo(self, name: str) -> None:
         if name not in self.gizmos:
@@ -165,11 +165,11 @@ class Panel:
         if not _same(self.gizmos[name].position, place):
             self.gizmos[name].position = place
 
-    def _dragged(self, name: str, phase: str) -> None:
-        """A viewer drags a lamp."""
+    def _dragged(self, name: str, place: NDArray[np.float64], phase: str) -> None:
+        """A viewer drags a lamp to a place."""
         if name not in self.gizmos:
             return
-        control, place = self.controls[name], np.asarray(self.gizmos[name].position)
+        control = self.controls[name]
         assert isinstance(control.kind, Place)
         if control.kind.away is not None:
             place = (place - self.desk.middle) / control.kind.away
@@ -181,6 +181,11 @@ class Panel:
         if phase == "end":
             self.desk.history.close()
             self._place_gizmo(name)
+
+
+def value_set(event: Any) -> tuple[Any] | None:
+    """What a hand set a widget to; None where the viewer itself set it."""
+    return None if event.client_id is None else (event.target.value,)
 
 
 def _same(one: Any, other: Any) -> bool:

@@ -242,8 +242,13 @@ class Watcher:
         return wiped(toned(photograph, development, desk.factor), picture, self.wipe)
 
     def _relit(self, image: Image) -> Image:
-        """The image under the desk's strengths and spectra, if they are not those that it was marched under."""
+        """The image under the desk's strengths and spectra, if they are not those that it was marched under.
+
+        As it is, where a lamp was added or removed since: it is shown until the next march has a picture.
+        """
         assert self._marched is not None
+        if len(self._marched.lamps) != len(self.desk.scene.lamps):
+            return image
         pairs = list(enumerate(zip(self._marched.lamps, self.desk.scene.lamps, strict=True)))
         factors = {
             k: new.intensity / old.intensity

@@ -123,7 +123,7 @@ def halves(picture):
     return picture[62:75, 60:80].mean(), picture[62:75, 80:100].mean()
 
 
-def test_a_viewer_sees_the_picture_drags_a_lamp_and_leaves(look, scene):
+def test_a_viewer_sees_the_picture_drags_a_lamp_and_leaves(look, scene, caplog):
     seen = look(Desk(*opened(scene)))
     pixels = seen.picture_of(seen.rest())
     picture = seen.watcher._developed(seen.watcher.image).astype(int)
@@ -151,6 +151,8 @@ def test_a_viewer_sees_the_picture_drags_a_lamp_and_leaves(look, scene):
     seen.browser.panel.say("not done: {globalThis.ran = 1} <b>bold</b> a.toml")
     seen.until(lambda: seen.page.get_by_text("not done: {globalThis.ran = 1} <b>bold</b> a.toml").count())
     assert seen.page.evaluate("() => globalThis.ran") is None, "a name in a message ran as a program"
+
+    assert not [one for one in caplog.records if one.name.startswith("hagoromo.view")], "a hand's message is refused"
 
     held = weakref.ref(seen.watcher)
     assert held() is not None
