@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from hagoromo.backend import Array3f, Bool, Float, UInt, arrays, lookup, mitsuba
+from hagoromo.backend import Array3f, Bool, Float, UInt, arrays, lookup, mitsuba, traced_scene
 from hagoromo.transport.field.second_order import NUMBERS
 from hagoromo.transport.field.sent_light import Numbers
 
@@ -65,7 +65,7 @@ class Patches:
         values["vertex_positions"] = np.ascontiguousarray(self.vertices, np.float32).ravel()
         values["faces"] = np.ascontiguousarray(self.faces, np.uint32).ravel()
         values.update()
-        self.scene = mi.load_dict({"type": "scene", "patches": shape})
+        self.scene = traced_scene({"patches": shape})
 
     def at(self, point: Array3f, normal: Array3f, active: Bool) -> Patch:
         """The patch at points of surfaces whose unit normal, to the side that is meant, is given."""
