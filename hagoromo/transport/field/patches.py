@@ -68,8 +68,13 @@ class Patches:
         self.scene = traced_scene({"patches": shape})
 
     def at(self, point: Array3f, normal: Array3f, active: Bool) -> Patch:
-        """The patch at points of surfaces whose unit normal, to the side that is meant, is given."""
+        """The patch at points of surfaces whose unit normal, to the side that is meant, is given.
+
+        Its rays have a kernel of their own: OptiX traces one of Mitsuba's scenes in a kernel, and points of surfaces
+        are hits in another one.
+        """
         mi, jit = mitsuba(), arrays()
+        dr.eval(point, normal, active)
         ray = mi.Ray3f(mi.Point3f(dr.fma(normal, self.reach, point)), mi.Vector3f(-normal))
         ray.maxt = 3.0 * self.reach
         hit = self.scene.ray_intersect_preliminary(ray, active=active)
@@ -78,7 +83,9 @@ class Patches:
         back = dr.dot(self.normal(face), normal) < 0.0
         u, v = jit.Float(hit.prim_uv.x), jit.Float(hit.prim_uv.y)
         shares = dr.select(there, jit.Array3f(1.0 - u - v, u, v), 0.0)
-        return Patch(face + dr.select(back, jit.UInt(self.count), 0), there, face, shares)
+        patch = Patch(face + dr.select(back, jit.UInt(self.count), 0), there, face, shares)
+        dr.eval(patch)
+        return patch
 
     def behind(self, patch: Patch) -> Patch:
         """The same places on the other side."""
