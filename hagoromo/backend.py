@@ -9,6 +9,7 @@ import importlib
 import logging
 import os
 import platform
+from collections.abc import Mapping
 from functools import cache
 from types import ModuleType
 from typing import Any, TypeAlias
@@ -30,6 +31,10 @@ BACKENDS = ("cuda", "metal", "llvm")
 ALIGNMENT = 64  # bytes, of Dr.Jit's own memory: the widest vector of 16 floats
 MOST_ENTRIES = 2**32 - 1  # largest number of entries of an array, whose indices have 32 bits
 OLDEST_LLVM = 17  # oldest version on x86: with older ones, kernels with a maximum or arctan2 abort (Dr.Jit 1.5)
+NO_OPTIX = (
+    "Mitsuba cannot trace surfaces on this GPU, as OptiX does not start: install libnvoptix.so.1 of NVIDIA's driver "
+    "(in a container: NVIDIA_DRIVER_CAPABILITIES=compute,graphics,utility), or set HAGOROMO_BACKEND=llvm"
+)
 NO_LLVM = (
     "no Dr.Jit backend works here: no GPU was found and the library libLLVM {state}; "
     "install it (Debian/Ubuntu: apt-get install libllvm19, macOS: brew install llvm, Windows: LLVM's installer) "
@@ -70,6 +75,19 @@ def mitsuba() -> ModuleType:
     if mi.variant() != variant:
         mi.set_variant(variant)
     return mi
+
+
+def traced_scene(shapes: Mapping[str, Any]) -> Any:
+    """Mitsuba's scene of some shapes, by name. `InputError` where the GPU's library of ray tracing is missing.
+
+    OptiX traces rays of one scene in a kernel: `dr.eval` the hits of one before rays of another are traced.
+    """
+    try:
+        return mitsuba().load_dict({"type": "scene", **shapes})
+    except RuntimeError as error:
+        if "OptiX" in str(error):
+            raise InputError(NO_OPTIX) from error
+        raise
 
 
 def clip(value: Any, low: Any, high: Any) -> Any:

@@ -32,6 +32,8 @@ def try_kernels(answer: Path) -> None:
         facts["backends"]["used"] = backend.name()
         _write(answer, facts)
         facts |= {"kernel": {"error": _kernel_error(), "ray_meets_sphere_at": _ray_length()}, "threads": _threads()}
+        if backend.name() == "cuda":
+            facts["backends"]["cuda"]["optix"] = _loaded("nvoptix")
     except InputError as error:
         _write(answer, facts | {"can_render": False, "why_not": str(error)})
         return
@@ -75,7 +77,7 @@ def _kernel_error() -> float:
 def _ray_length() -> float:
     """Where a ray that starts three units from the centre of a unit sphere meets it: at 2."""
     mi = backend.mitsuba()
-    scene = mi.load_dict({"type": "scene", "ball": {"type": "sphere"}})
+    scene = backend.traced_scene({"ball": {"type": "sphere"}})
     return float(scene.ray_intersect_preliminary(mi.Ray3f(mi.Point3f(0, 0, -3), mi.Vector3f(0, 0, 1))).t[0])
 
 
@@ -132,7 +134,8 @@ def _gpus() -> Facts:
     if sys.platform == "darwin":
         return {"why_not": "macOS has no NVIDIA driver"}
     try:
-        driver = ctypes.CDLL("nvcuda.dll" if sys.platform == "win32" else "libcuda.so.1")
+        usual = "nvcuda.dll" if sys.platform == "win32" else "libcuda.so.1"
+        driver = ctypes.CDLL(_loaded(usual.removesuffix(".1")) or usual)  # Dr.Jit looks in more places
     except OSError:
         return {"why_not": "the NVIDIA driver is not installed"}
     if (status := driver.cuInit(0)) != 0:

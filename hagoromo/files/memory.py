@@ -28,6 +28,7 @@ SIGNS_OF_SHORTAGE = (
     "out of memory", "insufficient memory", "cannot allocate memory", "failed to map segment", "bad_alloc",
     "can't start new thread", "unable to allocate", "could not allocate",
 )  # fmt: skip
+GPU_SHORTAGE = "(backend=CUDA, shared=0)"  # in Dr.Jit's message: not memory of the host
 
 
 def require(size: float, what: str) -> None:
@@ -59,6 +60,8 @@ def is_shortage(error: BaseException) -> bool:
 def shortage(error: BaseException) -> str:
     """The line for a lack of memory that was noticed only when it was taken."""
     said = printable(error)[:120]
+    if GPU_SHORTAGE in str(error):
+        return f"the memory of the GPU is not enough ({said}): make the input smaller, or set HAGOROMO_BACKEND=llvm"
     return (
         f"the memory is not enough, {free_memory() / 2**30:.3g} GiB are free{f' ({said})' if said else ''}: "
         f"make the input smaller, or allow the program more memory"

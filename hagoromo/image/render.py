@@ -310,6 +310,8 @@ class PreparedScene:
         behind: list[Any] = [jit.Float(0)] * self.lighting.channels
         if self.surfaces:
             hit = self.surfaces.hit(origin, direction)
+            if self.lighting.surface_light:
+                dr.eval(hit)  # else its rays would be traced once more after those of the patches
             far = hit.distance if length is None else dr.select(hit.distance < length, hit.distance, dr.inf)
             materials, textures = self.lighting.materials, self.surface_colours
             element = surface_element(materials, self.first_on_surface, hit, textures, self.thickness)

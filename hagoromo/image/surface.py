@@ -16,7 +16,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from hagoromo.backend import Array3f, Bool, Float, UInt, arrays, lookup, mitsuba, opaque_vector
+from hagoromo.backend import Array3f, Bool, Float, UInt, arrays, lookup, mitsuba, opaque_vector, traced_scene
 from hagoromo.camera.pose import FARTHEST
 from hagoromo.errors import InputError, described
 from hagoromo.image.gloss_texture import alike, ends, widest_glosses
@@ -301,7 +301,7 @@ class Surfaces:
         self.origin, self.offset = origin, opaque_vector(np.zeros(3))
         self.surfaces = tuple(surfaces)
         shapes = [_shape(surface, origin) for surface in surfaces]
-        self.scene = mi.load_dict({"type": "scene", **{f"s{k}": shape for k, shape in enumerate(shapes)}})
+        self.scene = traced_scene({f"s{k}": shape for k, shape in enumerate(shapes)})
         # Mitsuba numbers its shapes anew with every scene: numbers read from memory compile no new kernel
         numbers = [int(dr.reinterpret_array(jit.UInt, mi.ShapePtr(shape))[0]) for shape in shapes]
         order = np.zeros(max(numbers) + 1, np.uint32)

@@ -72,28 +72,53 @@ def backends(monkeypatch):
 
 
 def test_pictures_of_two_backends_are_compared(backends, tmp_path, capsys):
-    """The CPU against itself: the same bits. The shell and the ball take every path but that of recipes and texels."""
-    out = tmp_path / "backends.json"
-    small = ["--lines", "36", "--rounds", "0", "--voxels", "64", "--out", str(out)]
-    assert backends.main(["--backends", "llvm", "llvm", *small, "--scenes", "shell and ball"]) == 0
-    assert "within 0.001 of llvm" in capsys.readouterr().out
+    """The CPU against itself: the same bits where there is no noise. What is kept of the first is a reference."""
+    out, kept = tmp_path / "backends.json", tmp_path / "kept"
+    small = ["--lines", "18", "--rounds", "0", "--voxels", "64", "--out", str(out), "--scenes", "shell and ball"]
+    assert backends.main(["--backends", "llvm", *small, "--keep", str(kept)]) == 0
+    assert backends.main(["--backends", "llvm", *small, "--reference", str(kept / "0 llvm")]) == 0
+    assert "all agree" in capsys.readouterr().out
     record = json.loads(out.read_text(encoding="utf-8"))
     assert [(row["scene"], row["difference"]) for row in record["compared"]] == [("shell and ball", 0.0)]
 
 
 def test_a_picture_that_differs_and_a_backend_that_does_not_work_are_told(backends, monkeypatch, tmp_path, capsys):
     """One part in 500 is too much; a picture that is not finite is."""
-    picture = np.ones((4, 4, 4), np.float32)
-    frame = {"scene": "shell", "lines": 4, "picture": "p", "seconds": 1.0}
-    first = {"backend": "llvm", "frames": [frame], "pictures": {"p": picture}}
-    other = {"backend": "cuda", "frames": [frame], "pictures": {"p": picture * np.float32(1.002)}}
-    assert backends.compared(first, other)[0]["difference"] > backends.BOUND
-    other["pictures"] = {"p": np.where(np.arange(64).reshape(4, 4, 4) == 0, np.nan, picture)}
-    assert backends.compared(first, other)[0]["difference"] == np.inf
+    picture = {"colour": np.ones((4, 4, 3), np.float32), "alpha": np.ones((4, 4), np.float32)}
+
+    def found(colour):
+        return backends.difference(picture, {**picture, "colour": colour}, 1e-3)
+
+    assert found(picture["colour"] * np.float32(1.0005))["agrees"]
+    assert not found(picture["colour"] * np.float32(1.002))["agrees"]
+    holed = np.where(np.arange(48).reshape(4, 4, 3) == 0, np.nan, picture["colour"])
+    assert found(holed)["difference"] == np.inf and not found(holed)["agrees"]
     monkeypatch.setenv("DRJIT_LIBLLVM_PATH", str(tmp_path / "absent.so"))
     arguments = ["--backends", "llvm", "--lines", "9", "--scenes", "shell", "--voxels", "32"]
     assert backends.main([*arguments, "--out", str(tmp_path / "backends.json")]) == 1
-    assert "llvm: hagoromo.errors.InputError: no Dr.Jit backend works here" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "llvm: no Dr.Jit backend works here" in said and "NOT all agree" in said
+
+
+def test_pictures_with_noise_agree_within_it(backends):
+    """Two draws of one picture do; one that is 0.5 % brighter, an eighth of the noise of a pixel, does not."""
+    random, size = np.random.default_rng(1), (64, 96)
+    alpha, variance = np.ones(size), np.full(size, 0.04**2)
+    one, other = (
+        {"y": 1.0 + 0.04 * random.standard_normal(size), "alpha": alpha, "variance": variance} for _ in range(2)
+    )
+    assert backends.noisy_difference(one, other)["agrees"]
+    assert not backends.noisy_difference(one, {**other, "y": 1.005 * other["y"]})["agrees"]
+
+
+def test_what_ends_a_process_of_a_scene_is_told(backends):
+    """A time that is over, and a status without a word."""
+    wait = [sys.executable, "-c", "import time; time.sleep(60)"]
+    assert backends.ended(wait, {}, 0.2) == "not done after 0.2 s"
+    assert (
+        backends.ended([sys.executable, "-c", "raise SystemExit(3)"], {}, 60.0) == "ended with status 3, without a word"
+    )
+    assert backends.ended([sys.executable, "-c", ""], {}, 60.0) == ""
 
 
 def test_cloth_that_passes_through_itself_is_counted(monkeypatch):

@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from hagoromo import backend
 from hagoromo.app import doctor as doctor_module
 from hagoromo.app import try_kernels
 from hagoromo.app.cli import main
+from hagoromo.errors import InputError
 
 SECTIONS = ("hagoromo", "python", "system", "processor", "memory", "disk", "backends", "kernel", "kernel_cache")
 SECTIONS = (*SECTIONS, "terminal", "environment", "libraries")
@@ -97,3 +99,21 @@ def test_the_doctor_loads_nothing_heavy_before_it_is_asked():
 def test_only_the_home_folder_is_shortened(monkeypatch, home, text, shown):
     monkeypatch.setattr(doctor_module.Path, "home", lambda: doctor_module.Path(home))
     assert doctor_module._without_home({"a": [text]}) == {"a": [shown]}
+
+
+def test_a_gpu_without_its_library_of_ray_tracing_is_told_in_one_line(monkeypatch):
+    """As Mitsuba says it on a card in a container that has CUDA alone; other faults stay as they are."""
+    said = 'At dictionary node "root": failed to instantiate scene plugin of type "scene": Could not initialize OptiX!'
+
+    def fails(message):
+        def load_dict(_):
+            raise RuntimeError(message)
+
+        monkeypatch.setattr(backend, "mitsuba", lambda: SimpleNamespace(load_dict=load_dict))
+
+    fails(said)
+    with pytest.raises(InputError, match=r"OptiX does not start: install .* or set HAGOROMO_BACKEND=llvm"):
+        backend.traced_scene({"ball": {"type": "sphere"}})
+    fails("something else")
+    with pytest.raises(RuntimeError, match="something else"):
+        backend.traced_scene({"ball": {"type": "sphere"}})

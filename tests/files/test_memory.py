@@ -84,3 +84,15 @@ def test_what_does_not_fit_is_refused_with_both_sizes(monkeypatch):
 def test_a_lack_of_memory_is_known_by_any_name_and_said_in_one_line(error):
     assert memory.is_shortage(error) and not memory.is_shortage(ValueError("a bug"))
     assert "\n" not in memory.shortage(error)
+
+
+def test_a_lack_of_memory_on_the_gpu_does_not_tell_what_the_host_has():
+    """As Dr.Jit says it on a card."""
+    said = (
+        "drjit.make_opaque(): error encountered while processing an argument of type 'drjit.cuda.ad.Float': "
+        "jit_malloc(): out of memory! Could not allocate 8589934592 bytes (backend=CUDA, shared=0)."
+    )
+    error = RuntimeError(said)
+    assert memory.is_shortage(error)
+    assert memory.shortage(error).startswith("the memory of the GPU is not enough (")
+    assert "are free" in memory.shortage(RuntimeError(said.replace("CUDA, shared=0", "LLVM, shared=0")))

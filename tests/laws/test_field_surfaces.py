@@ -4,7 +4,9 @@ The oracles are the closed form of a closed sphere, and random walks (mode path)
 """
 
 import math
+from types import SimpleNamespace
 
+import drjit as dr
 import numpy as np
 import pytest
 
@@ -142,3 +144,30 @@ def test_patches_cover_every_shape_and_are_small_where_other_matter_is_near(monk
     edge = np.linalg.norm(corners[:, 0] - corners[:, 1], axis=1)
     near = np.abs(corners.mean(axis=1)[:, :2] - 0.5).max(axis=1) < 0.6
     assert np.median(edge[near]) <= 0.5 * np.median(edge[~near])
+
+
+def test_rays_of_patches_share_no_kernel_with_rays_of_surfaces(monkeypatch):
+    """OptiX traces one of Mitsuba's scenes in a kernel, and leaves out the others: what goes into rays of patches is in
+    memory before they are traced, and so is what comes of them.
+    """
+    whole, states = Patches.at, []
+
+    def watched(patches, point, normal, active):
+        scene = patches.scene
+
+        def traced(ray, active):
+            states.extend(value.state for value in (*point, *normal, active))
+            return scene.ray_intersect_preliminary(ray, active=active)
+
+        monkeypatch.setattr(patches, "scene", SimpleNamespace(ray_intersect_preliminary=traced))
+        patch = whole(patches, point, normal, active)
+        monkeypatch.setattr(patches, "scene", scene)
+        states.extend(value.state for value in (patch.side, patch.there, patch.face, *patch.shares))
+        return patch
+
+    monkeypatch.setattr(Patches, "at", watched)
+    matte = hg.Reflectance(0.25, 0.0, 0.2, 1.5, hg.Spectrum.constant(0.8))
+    ball = hg.Surface.sphere((0.0, 0.0, 0.3), 0.2, matte)
+    camera = hg.Camera(5, 3, (6.0, 6.0), (2.5, 1.5)).look_at((0.0, -2.0, 1.0), (0.0, 0.0, 0.1))
+    hg.render(hg.Scene(camera, (hg.Lamp(to_lamp=(0.0, -0.6, 0.8)),), surfaces=(ball,)), mode="full")
+    assert states and set(states) <= {dr.VarState.Evaluated, dr.VarState.Literal}

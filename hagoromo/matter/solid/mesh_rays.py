@@ -12,7 +12,7 @@ import drjit as dr
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.backend import arrays, mitsuba
+from hagoromo.backend import arrays, mitsuba, traced_scene
 
 DIRECTIONS = (0.36, 0.48, 0.8), (-0.62, 0.71, -0.33), (0.49, -0.76, -0.43)
 RAY_OFFSET = 3e-7  # offset of a ray behind a face [extent of the mesh]: a few units in the last place
@@ -28,7 +28,7 @@ class MeshRays:
         values["vertex_positions"] = np.ascontiguousarray(vertices, np.float32).ravel()
         values["faces"] = np.ascontiguousarray(faces, np.uint32).ravel()
         values.update()
-        self._scene = mi.load_dict({"type": "scene", "mesh": shape})
+        self._scene = traced_scene({"mesh": shape})
         self._step = float(RAY_OFFSET * np.abs(vertices).max())
 
     def winding(self, point: Any, asked: Any = True) -> Any:

@@ -181,17 +181,15 @@ class Links:
         far, self.far, self.hit = hit.distance, hit.distance, hit.point
         self.element, self.coefficients = lit.element(hit), lit.coefficients(hit)
         self.there = dr.isfinite(far)
-        self.patch: Patch = lit.patches.at(hit.point, hit.normal, self.there)
         _, self.passed = (
             through(matter.cells, matter, self.point, self.towards, far)
             if matter
             else ([], dr.full(jit.Float, 1.0, dr.width(far)))
         )
-        normal, material = self.element.axis, self.element.material
-        dr.eval(self.towards, self.point, self.far, self.hit, normal, material, self.patch, self.passed)
-        dr.eval(self.element.across)
+        dr.eval(self.towards, self.point, hit, self.element, self.passed)
         if lit.surface_colours is not None:
-            dr.eval(self.coefficients, self.element.gamma)
+            dr.eval(self.coefficients)
+        self.patch: Patch = lit.patches.at(hit.point, hit.normal, self.there)
 
     def direct(self) -> Numbers:
         """Incident light that surfaces send on of the light of the lamps."""

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from hagoromo.backend import Array3f, Bool, Float, UInt, arrays, lookup, mitsuba
+from hagoromo.backend import Array3f, Bool, Float, UInt, arrays, lookup, mitsuba, traced_scene
 from hagoromo.transport.field.second_order import NUMBERS
 from hagoromo.transport.field.sent_light import Numbers
 
@@ -65,11 +65,16 @@ class Patches:
         values["vertex_positions"] = np.ascontiguousarray(self.vertices, np.float32).ravel()
         values["faces"] = np.ascontiguousarray(self.faces, np.uint32).ravel()
         values.update()
-        self.scene = mi.load_dict({"type": "scene", "patches": shape})
+        self.scene = traced_scene({"patches": shape})
 
     def at(self, point: Array3f, normal: Array3f, active: Bool) -> Patch:
-        """The patch at points of surfaces whose unit normal, to the side that is meant, is given."""
+        """The patch at points of surfaces whose unit normal, to the side that is meant, is given.
+
+        Its rays have a kernel of their own: OptiX traces one of Mitsuba's scenes in a kernel, and points of surfaces
+        are hits in another one.
+        """
         mi, jit = mitsuba(), arrays()
+        dr.eval(point, normal, active)
         ray = mi.Ray3f(mi.Point3f(dr.fma(normal, self.reach, point)), mi.Vector3f(-normal))
         ray.maxt = 3.0 * self.reach
         hit = self.scene.ray_intersect_preliminary(ray, active=active)
@@ -78,7 +83,9 @@ class Patches:
         back = dr.dot(self.normal(face), normal) < 0.0
         u, v = jit.Float(hit.prim_uv.x), jit.Float(hit.prim_uv.y)
         shares = dr.select(there, jit.Array3f(1.0 - u - v, u, v), 0.0)
-        return Patch(face + dr.select(back, jit.UInt(self.count), 0), there, face, shares)
+        patch = Patch(face + dr.select(back, jit.UInt(self.count), 0), there, face, shares)
+        dr.eval(patch)
+        return patch
 
     def behind(self, patch: Patch) -> Patch:
         """The same places on the other side."""
