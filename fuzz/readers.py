@@ -12,7 +12,17 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fuzz import (
-    boxes, curves, gltf_scenes, meshes, mitsuba_scenes, pictures, recipes, records, usd_scenes, viewer, volumes,
+    boxes,
+    curves,
+    gltf_scenes,
+    meshes,
+    mitsuba_scenes,
+    pictures,
+    recipes,
+    records,
+    usd_scenes,
+    viewer,
+    volumes,
 )  # fmt: skip
 from fuzz.trees import spoilt_json
 from fuzz.verbs import SLOW, VERBS, WORDS

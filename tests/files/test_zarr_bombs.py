@@ -196,5 +196,5 @@ def test_a_lattice_of_which_no_table_fits_the_memory_is_refused_by_its_descripti
     for vast in ([100_000] * 3, [9, 6, 10**395]):  # the second is beyond the largest float
         folder = tmp_path / str(vast[0])
         folder.mkdir()
-        with pytest.raises(InputError, match="GiB of memory|must be a number below 1e308"):
+        with pytest.raises(InputError, match=r"GiB of memory|must be a number below 1e308"):
             ZarrBlocks(open_array(array_of(folder, [BYTES], {}, vast, (64, 64, 64), fill=1)), {})
