@@ -181,7 +181,4 @@ class _Reads:
 
 def _pieces(text: str) -> Iterator[str]:
     """The parts of a text that may name a file: all of it, and what follows an equals sign, as in key=lamp.csv."""
-    yield text
-    while "=" in text:
-        text = text.partition("=")[2]
-        yield text
+    yield from dict.fromkeys((text, text.partition("=")[2] or text, text.rpartition("=")[2] or text))
