@@ -161,7 +161,7 @@ def child(asked: argparse.Namespace) -> None:
         png = values.pop("png", None)
         if png is not None:
             hg.write_png(f"{asked.child}_{lines}.png", png)
-        np.savez_compressed(f"{asked.child}_{lines}.npz", **values)
+        np.savez_compressed(f"{asked.child}_{lines}.npz", allow_pickle=False, **values)
         seconds = {"first_s": taken[0], "seconds": float(np.median(taken[1:] or taken)), "built_s": built}
         frames.append(
             {"scene": name, "lines": lines, "values": f"{asked.child.name}_{lines}.npz", **seconds, **memory()}

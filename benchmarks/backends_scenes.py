@@ -74,7 +74,7 @@ def of_recipe(name: str) -> Callable[[int], hg.Scene]:
         eye = middle + np.array([0.0, -0.6, 2.0]) * size
         seen = hg.Camera(64, 64, (120.0, 120.0), (32.0, 32.0)).look_at(eye, middle)
         places = middle + size * np.array([(2.0, -1.0, 3.0), (-3.0, 1.0, 2.0)])
-        return hg.Scene(seen, [hg.Lamp(position=place, intensity=size**2) for place in places], (box,))
+        return hg.Scene(seen, tuple(hg.Lamp(position=place, intensity=size**2) for place in places), (box,))
 
     return scene
 

@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.matter.drape.collider import Collider
-from hagoromo.matter.drape.cut import Cut
-from hagoromo.matter.drape.settle import GRAVITY, STRAIN, Fabric, Fall, settled
-from hagoromo.matter.drape.sheet import Sheet
 from hagoromo.matter.shape import sphere
+from hagoromo_matter.drape.collider import Collider
+from hagoromo_matter.drape.cut import Cut
+from hagoromo_matter.drape.settle import GRAVITY, STRAIN, Fabric, Fall, settled
+from hagoromo_matter.drape.sheet import Sheet
 
 SIZE, SPACING, RADIUS, TOP = (60.0, 52.0), 1.7, 12.0, 25.0  # mm
 BENDING, FRICTION, CLEAR, SECONDS = 2.0, 0.4, 0.6, 1.0  # mm, –, mm, s

@@ -22,10 +22,9 @@ from numpy.typing import NDArray
 from turns import in_turn, medians, options, record
 
 import hagoromo as hg
-from hagoromo.app.formats.convert import ConvertOptions
-from hagoromo.app.formats.table import CAMERAS, FORMATS, SURFACES
-from hagoromo.camera.formats.camera_file import OPENCV, write_views
-from hagoromo.files.volumes.formats import VOLUMES
+from hagoromo.camera.formats.camera_file import write_views
+from hagoromo.files.format import formats, formats_of
+from hagoromo_formats.convert import ConvertOptions
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from tests.ball_scene import BALL, camera, lamp
@@ -53,10 +52,10 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as home, warnings.catch_warnings():
         warnings.simplefilter("ignore")
         cases = made(Path(home))
-        missing = {form.name for form in FORMATS} - cases.keys() - NO_SAMPLE
+        missing = {form.name for form in formats()} - cases.keys() - NO_SAMPLE
         if missing:
             raise ValueError(f"no sample of {', '.join(sorted(missing))}: add one, or to NO_SAMPLE")
-        for form in FORMATS:
+        for form in formats():
             if form.name not in cases:
                 continue
             case = cases[form.name]
@@ -107,7 +106,7 @@ def volumes(home: Path, random: np.random.Generator) -> dict[str, Case]:
     (home / f"volume_{SIDE}x{SIDE}x{SIDE}_float32.raw").write_bytes(values.tobytes())
     tifffile.imwrite(home / "volume.tif", values)
     found = {}
-    for form in VOLUMES:
+    for form in formats_of("volume"):
         file = next(home.glob(f"volume*{form.suffixes[0]}"), home / f"volume{form.suffixes[0]}")
         if form.name in NO_SAMPLE:
             continue
@@ -154,7 +153,7 @@ def pictures(home: Path, random: np.random.Generator) -> dict[str, Case]:
     }  # fmt: skip
     (home / "pictures").mkdir()
     found = {}
-    for form in FORMATS:
+    for form in formats():
         if form.name in writers:
             name, sample, writer = writers[form.name]
             file = home / name if writer is None else home / "pictures" / name
@@ -175,10 +174,10 @@ def surfaces(home: Path) -> dict[str, Case]:
     (home / "ball.vtp").write_text(vtp(np.asarray(ball.vertices), np.asarray(ball.faces)), encoding="utf-8")
     (home / "surfaces").mkdir()
     found = {}
-    for form in SURFACES:
+    for form in formats_of("surface", "scene"):
         if form.holds == "surface" and form.name not in NO_SAMPLE:
-            file = home / ("surfaces" if form.writer else "") / f"ball{form.suffixes[0]}"
-            write = (lambda file=file: hg.convert(base, file, force=True)) if form.writer else None
+            file = home / ("surfaces" if form.mesh_writer else "") / f"ball{form.suffixes[0]}"
+            write = (lambda file=file: hg.convert(base, file, force=True)) if form.mesh_writer else None
             if write:
                 write()
             found[form.name] = Case(file, sample, lambda form=form, file=file: form.read(file), write)
@@ -232,9 +231,9 @@ def cameras(home: Path) -> dict[str, Case]:
     views = {f"{k:03d}.png": lens.look_at((np.cos(t), np.sin(t), 0.5), (0, 0, 0)) for k, t in enumerate(turns)}
     (home / "cameras").mkdir()
     found = {}
-    for form in CAMERAS:
+    for form in (form for form in formats_of("cameras") if form.key):
         file = home / "cameras" / f"views{form.suffixes[0]}"
-        kept = dict(list(views.items())[:1]) if form.name == OPENCV else views
+        kept = dict(list(views.items())[:1]) if form.key == "opencv" else views
         write = lambda file=file, kept=kept: write_views(file, kept, force=True)  # noqa: E731
         write()
         found[form.name] = Case(
@@ -264,7 +263,7 @@ def others(home: Path) -> dict[str, Case]:
     capture = hg.simulate(home / "small.toml")
     capture.save(home / "capture")
     columns = {"wavelength_nm": waves, **{f"value {k}": waves + k for k in range(20)}}
-    by_name = {form.name: form for form in FORMATS}
+    by_name = {form.name: form for form in formats()}
     files: dict[str, tuple[str, str, Callable[[], Any] | None]] = {
         "RTI dome .lp": ("dome.lp", "48 lamps", lambda: write_lp(home / "dome.lp", lamps, force=True)),
         "IES LM-63": ("lamp.ies", "181 angles", None),

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 import hagoromo as hg
 from hagoromo.matter.kept_box import kept_box
-from hagoromo_figures.demo.figures import wardrobe
-from hagoromo_figures.demo.samples import FOCAL_MM, PRESET, true_reflectances
-from hagoromo_figures.demo.studio import ball_around, studio_lamps
-from hagoromo_figures.figure.figure import PART_MATERIALS, figure_part
+from hagoromo_matter.demo.figures import wardrobe
+from hagoromo_matter.demo.samples import FOCAL_MM, PRESET, true_reflectances
+from hagoromo_matter.demo.studio import ball_around, studio_lamps
+from hagoromo_matter.figure.figure import PART_MATERIALS, figure_part
 
 WAVELENGTH = 550.0  # nm, that pictures are compared at
 MEAN_AREA = 0.5  # of every element, over all directions

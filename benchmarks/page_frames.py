@@ -22,13 +22,13 @@ from playwright.sync_api import sync_playwright
 from turns import record
 
 import hagoromo as hg
-from hagoromo.publication.colours import stack_colours
-from hagoromo.publication.document import document
-from hagoromo.publication.export.lit import hemisphere
-from hagoromo.publication.object_page import PageSource, single_page
-from hagoromo.publication.stack_page import stack_page
-from hagoromo.publication.surface_maps import SurfaceMaps
-from hagoromo.publication.weight_stack import WeightStack
+from hagoromo_page.publication.colours import stack_colours
+from hagoromo_page.publication.document import document
+from hagoromo_page.publication.lit import hemisphere
+from hagoromo_page.publication.object_page import PageSource, single_page
+from hagoromo_page.publication.stack_page import stack_page
+from hagoromo_page.publication.surface_maps import SurfaceMaps
+from hagoromo_page.publication.weight_stack import WeightStack
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from tests.app.in_browser import CHROMIUM, FLAGS

@@ -13,7 +13,7 @@ import drjit as dr
 import numpy as np
 
 import hagoromo as hg
-from hagoromo.matter.noise import value_noise
+from hagoromo_matter.noise import value_noise
 
 WHITE = hg.Spectrum.constant(1.0)
 MATTER = hg.Reflectance(0.2, 0.3, 0.2, 1.5, hg.Spectrum.constant(0.8), name="grey")

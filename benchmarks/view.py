@@ -18,10 +18,10 @@ import cv2
 import numpy as np
 from preview import a_camera, reference_scene
 
-from hagoromo.view.browser import JPEG_QUALITY, in_window
-from hagoromo.view.scene_files import SceneFiles
-from hagoromo.view.view_state import ViewState
-from hagoromo.view.watcher import Desk, Watcher
+from hagoromo_page.viewer.browser import JPEG_QUALITY, in_window
+from hagoromo_page.viewer.scene_files import SceneFiles
+from hagoromo_page.viewer.view_state import ViewState
+from hagoromo_page.viewer.watcher import Desk, Watcher
 
 
 class Reference(SceneFiles):

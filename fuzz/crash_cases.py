@@ -269,7 +269,7 @@ def _smaller_demo() -> None:
     """The demo in the size of its tests, with a clock that stands still: it writes how long its stages took."""
     from types import SimpleNamespace
 
-    from hagoromo_figures.demo import demo
+    from hagoromo_matter.demo import demo
 
     demo.SIZES["small"] = demo.SIZES["tiny"]
     demo.__dict__["time"] = SimpleNamespace(perf_counter=lambda: 0.0)

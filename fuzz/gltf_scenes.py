@@ -49,7 +49,7 @@ def _data(content: bytes) -> str:
 
 def read(path: Path) -> Any:
     """The scene as ours, in a folder that goes away."""
-    from hagoromo.app.formats.gltf_scene import scene_from_gltf
+    from hagoromo_formats.scenes.gltf_scene import scene_from_gltf
 
     with tempfile.TemporaryDirectory() as folder:
         return scene_from_gltf(path, Path(folder) / "out")

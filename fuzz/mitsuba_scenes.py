@@ -44,7 +44,7 @@ def serialized(path: Path) -> None:
 
 def read(path: Path) -> Any:
     """The scene as ours, in a folder that goes away."""
-    from hagoromo.mitsuba.read import scene_from_mitsuba
+    from hagoromo_formats.mitsuba.read import scene_from_mitsuba
 
     with tempfile.TemporaryDirectory() as folder:
         return scene_from_mitsuba(path, Path(folder) / "out")

@@ -69,25 +69,26 @@ def _tables(path: Path) -> Any:
     """The tables of a recipe and its material, without the plan, which takes long."""
     from hagoromo.files.record import decode, read_toml
     from hagoromo.matter.build import _OfKind
-    from hagoromo.matter.recipes.recipe import Recipe
-    from hagoromo.matter.registry import OWN
+    from hagoromo.matter.recipe import Recipe
+    from hagoromo.matter.registry import kind_names, kind_of
 
     tables, where = read_toml(path), str(path)
-    kind = OWN.get(decode(tables, _OfKind, where).kind, OWN["solid"])
+    name = decode(tables, _OfKind, where).kind
+    kind = kind_of(name if name in kind_names() else "solid")
     table = decode(tables, kind.record, where)
     element = kind.element_of(table) if kind.element_of else kind.element
     return Recipe(table, element, path.parent, where).material
 
 
 def _draft(path: Path) -> Any:
-    from hagoromo.matter.cloth.weave import LINEN
-    from hagoromo.matter.cloth.wif import cloth_of, read_wif
+    from hagoromo_matter.cloth.weave import LINEN
+    from hagoromo_matter.cloth.wif import cloth_of, read_wif
 
     return cloth_of(read_wif(path), LINEN.warp, LINEN.weft)
 
 
 def _colmap(path: Path) -> Any:
-    from hagoromo.camera.formats.colmap import read_colmap, read_points
+    from hagoromo_formats.cameras.colmap import read_colmap, read_points
 
     return read_colmap(path), read_points(path)
 
@@ -136,8 +137,8 @@ def _profile(path: Path) -> Any:
 
 def _lens(path: Path) -> Any:
     """The camera of a photograph by a database, and its names."""
-    from hagoromo.camera.formats.lensfun import camera_by_lensfun
     from hagoromo.files.exif import Exif
+    from hagoromo_formats.cameras.lensfun import camera_by_lensfun
 
     exif = Exif(focal_mm=20.0, camera="Acme Acme One", lens="Acme 20mm f/2")
     return camera_by_lensfun((60, 40), exif, database=path), _info(path)
@@ -205,8 +206,8 @@ HAS_ALEMBIC = find_spec("alembic3d") is not None
 HAS_USD = find_spec("pxr") is not None
 HAS_VISER = find_spec("viser") is not None
 HAS_VTK = find_spec("vtkmodules") is not None  # an extra
-READ_VOLUME = _late("hagoromo.files.volumes.formats", "read_volume")
-READ_CURVES = _late("hagoromo.files.curves.curve_file", "read_curves")
+READ_VOLUME = _late("hagoromo.files.volume_file", "read_volume")
+READ_CURVES = _late("hagoromo_formats.curves.curve_file", "read_curves")
 READ_MESH = _late("hagoromo.files.mesh", "read_mesh")
 READ_PARTS = _late("hagoromo.files.mesh_parts", "read_parts")
 SIMPLE = (
@@ -271,7 +272,8 @@ SIMPLE = (
     Reader("scene.usdc", usd_scenes.scene_binary if HAS_USD else usd_scenes.scene, usd_scenes.read, share=0.1,
            good=HAS_USD),
     Reader("scene.usdz", usd_scenes.scene_archive, usd_scenes.read, share=0.1, good=HAS_USD),
-    Reader("mesh.serialized", mitsuba_scenes.serialized, _late("hagoromo.mitsuba.serialized", "read_serialized")),
+    Reader("mesh.serialized", mitsuba_scenes.serialized,
+           _late("hagoromo_formats.mitsuba.serialized", "read_serialized")),
     Reader("spectrum.csv", records.spectrum, _late("hagoromo.light.spectrum", "Spectrum.from_csv")),
     Reader("spectrum.spdx", records.text(records.SPDX), _late("hagoromo.light.spectrum_file", "read_spectrum_file")),
     Reader("spectrum.spd", records.text("400 0.5\n500 1 # peak\n600 0.25\n"),

@@ -142,7 +142,7 @@ def scene_archive(path: Path) -> None:
 
 def read(path: Path) -> Any:
     """The scene as ours, in a folder that goes away."""
-    from hagoromo.app.formats.usd_scene import scene_from_usd
+    from hagoromo_formats.scenes.usd_scene import scene_from_usd
 
     with tempfile.TemporaryDirectory() as folder:
         return scene_from_usd(path, Path(folder) / "out")

@@ -125,9 +125,9 @@ def options(function: str) -> tuple[tuple[str, str], ...]:
     from hagoromo.app import cli
 
     assert cli.main  # with it, all modules that have verbs are loaded
-    modules = [module for name, module in sys.modules.items() if name.startswith("hagoromo.app.")]
+    modules = [module for name, module in sys.modules.items() if name.startswith(("hagoromo.app.", "hagoromo_"))]
     found = (vars(module)[function] for module in modules if function in vars(module))
-    called = next(one for one in found if inspect.isfunction(one) and one.__module__.startswith("hagoromo.app."))
+    called = next(one for one in found if inspect.isfunction(one) and one.__module__.startswith("hagoromo"))
     parameters = [one for one in inspect.signature(called).parameters.values() if one.name not in NEVER]
     return tuple(
         (one.name.replace("_", "-"), "bool" if one.default is False else str(one.annotation))

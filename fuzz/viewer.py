@@ -128,8 +128,8 @@ class Served:
     """A viewer of what lies at a path, with a bystander who looks on."""
 
     def __init__(self, path: Path) -> None:
-        from hagoromo.view.browser import Browser
-        from hagoromo.view.open_desk import open_desk
+        from hagoromo_page.viewer.browser import Browser
+        from hagoromo_page.viewer.open_desk import open_desk
 
         self.browser = Browser(open_desk(path), "127.0.0.1", 0)
         self.first = self.browser.desk.state

@@ -19,8 +19,8 @@ METAIMAGE = (
 
 def nrrd(path: Path) -> None:
     """NRRD, gzip."""
-    from hagoromo.files.volumes.nrrd_file import write_nrrd
-    from hagoromo.files.volumes.volume_file import VolumeFile
+    from hagoromo.files.volume_file import VolumeFile
+    from hagoromo_formats.volumes.nrrd_file import write_nrrd
 
     write_nrrd(path, VolumeFile(VALUES, MATRIX, ""), "sample")
 
@@ -39,7 +39,7 @@ def nifti(path: Path) -> None:
 
 def vti(path: Path) -> None:
     """VTK image data."""
-    from hagoromo.files.volumes.vtk_images import write_vti
+    from hagoromo_formats.volumes.vtk_images import write_vti
 
     write_vti(path, {"density": VALUES.astype(np.float32)}, MATRIX)
 
@@ -55,14 +55,14 @@ def slc(path: Path) -> None:
 
 def vol(path: Path) -> None:
     """Mitsuba's grid volume."""
-    from hagoromo.files.volumes.mitsuba_volume import write_mitsuba_volume
+    from hagoromo_formats.volumes.mitsuba_volume import write_mitsuba_volume
 
     write_mitsuba_volume(path, VALUES.astype(np.float32), 1e-3)
 
 
 def vdb(path: Path) -> None:
     """OpenVDB with two grids."""
-    from hagoromo.files.volumes.openvdb_out import write_openvdb
+    from hagoromo_formats.volumes.openvdb_out import write_openvdb
 
     density = VALUES.astype(np.float32)
     write_openvdb(path, {"density": density, "colour": np.stack([density] * 3, axis=-1)}, MATRIX)

@@ -96,6 +96,7 @@ from .measurement.observations import Observations as Observations
 from .measurement.material.material_fit import fit_material as fit_material
 from .measurement.material.lack_of_fit import LackOfFit as LackOfFit, lack_of_fit as lack_of_fit
 from .measurement.material.estimate import estimate_material as estimate_material
+from .measurement.reflectance_table import ReflectanceTable as ReflectanceTable, fit_table as fit_table
 from .measurement.normals.views import Views as Views, views_from_capture as views_from_capture
 from .measurement.normals.normals import (
     NormalMap as NormalMap,
@@ -113,7 +114,7 @@ from .volume.box import VolumeBox as VolumeBox
 from .volume.store.box_store import load_box as load_box, save_box as save_box
 from .volume.store.zarr_plan import box_from_zarr as box_from_zarr
 from .matter.build import build as build, build_to as build_to
-from .matter.solid.relief import Relief as Relief, relief_plan as relief_plan
+from .matter.relief.relief import Relief as Relief, relief_plan as relief_plan
 
 # Scenes and images
 from .image.surface import Surface as Surface
@@ -150,34 +151,36 @@ from .image.relight.prediction import Prediction as Prediction
 from .image.relight.relighting import Relighting as Relighting
 from .image.relight.relight import relight as relight
 
-# A page that can be sent round
-from .publication.publish import Published as Published, publish as publish
-from .publication.publish_scene import PublishedScene as PublishedScene, publish_scene as publish_scene
-from .publication.export.export import export as export
+# Many captures, many machines
+from .cluster.scheduler_address import TrustedScheduler as TrustedScheduler
+from .app.batch.batch import Outcome as Outcome, batch as batch
+
+# Any file or folder that the package knows; progress on a terminal
+from .app.info import info as info
+from .app.doctor import doctor as doctor
+from .app.schemas import json_schema as json_schema, schema_names as schema_names, write_schemas as write_schemas
+from .app.progress_bar import progress_bar as progress_bar
+
+# What the packages beside the core add: for type checkers. When the program runs, they are found by the entry points of
+# the group hagoromo.names.
 
 # Files of other programs
-from .app.formats.convert import ConvertOptions as ConvertOptions, convert as convert
+from hagoromo_formats.convert import ConvertOptions as ConvertOptions, convert as convert
+from hagoromo_formats.relightable.export import export as export
 
-from .view.notebook import Shown as Shown, show as show
-
-# The paper end to end, reports, and what studies of one's own need
-from .app.demo import demo as demo
-from .app.progress_bar import progress_bar as progress_bar
-from .app.sweep import sweep as sweep
-from .app.measure_report import write_measure_report as write_measure_report
-from .app.relight_page import write_relight_report as write_relight_report
-from .app.report.page import (
+# A page that can be sent round, the viewer in a notebook, reports
+from hagoromo_page.publication.publish import Published as Published, publish as publish
+from hagoromo_page.publication.publish_scene import PublishedScene as PublishedScene, publish_scene as publish_scene
+from hagoromo_page.viewer.notebook import Shown as Shown, show as show
+from hagoromo_page.report.measure_report import write_measure_report as write_measure_report
+from hagoromo_page.report.relight_page import write_relight_report as write_relight_report
+from hagoromo_page.report.page import (
     page_drawing as page_drawing,
     page_picture as page_picture,
     page_text as page_text,
     write_page as write_page,
 )
 
-# Many captures, many machines
-from .cluster.scheduler_address import TrustedScheduler as TrustedScheduler
-from .app.batch.batch import Outcome as Outcome, batch as batch
-
-# Any file or folder that the package knows
-from .app.info import info as info
-from .app.doctor import doctor as doctor
-from .app.schemas import json_schema as json_schema, schema_names as schema_names, write_schemas as write_schemas
+# The paper end to end, and its studio's background
+from hagoromo_matter.demo.demo_call import demo as demo
+from hagoromo_matter.demo.sweep import sweep as sweep

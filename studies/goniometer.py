@@ -20,6 +20,7 @@ EYE_AZIMUTHS_DEG = (
     90,
     180,
 )  # [°] in which the eye leaves the mirror direction: to grazing, to the side, back over the lamp
+LEAST_COSINE = 1e-6  # lamps stand above the sample
 HIGHEST = 75.0  # [°] from the normal up to which the eye goes
 
 
@@ -45,30 +46,18 @@ def goniometer() -> Directions:
 
 
 def readings(directions: Directions, values: Array, variance: Array) -> hg.Observations:
-    """Readings `values` (N, C) of known `variance` (N, C), as observations.
-
-    `InputError` when the shapes differ, a value is not finite or has no variance.
-    """
-    values, variance = np.asarray(values, np.float64), np.asarray(variance, np.float64)
-    if values.ndim != 2 or values.shape != variance.shape or len(values) != len(directions.to_lamp):
-        shapes = f"{values.shape} and variance of shape {variance.shape}"
+    """Readings `values` (N, C) of f, radiance per irradiance facing the lamp, of known `variance`, as observations."""
+    if np.ndim(values) != 2 or np.shape(values) != np.shape(variance) or len(values) != len(directions.to_lamp):
+        shapes = f"{np.shape(values)} and variance of shape {np.shape(variance)}"
         raise hg.InputError(f"{len(directions.to_lamp)} directions, values of shape {shapes}: give (N, C) for both")
-    if not (np.isfinite(values).all() and np.isfinite(variance).all() and (variance > 0.0).all()):
-        raise hg.InputError("readings need finite values and a variance above 0")
-    sight = hg.Sight(cosines_of(directions), np.ones((len(values), 1, values.shape[1])))
-    used = np.broadcast_to(sight.fit_to_use[:, None], values.shape)
-    places: NDArray[np.int64] = np.arange(len(values))
-    return hg.Observations(
-        values, variance, np.zeros_like(values), used, sight, np.full(values.shape, np.inf), places, places
-    )
+    facing = np.maximum(directions.to_lamp[:, 2:], LEAST_COSINE)
+    table = hg.ReflectanceTable(*directions, np.asarray(values) / facing, np.asarray(variance) / facing**2)
+    return table.observations()
 
 
 def cosines_of(directions: Directions) -> hg.Cosines:
     """The four cosines (N, 1) of each pair."""
-    deviation = np.sqrt(np.maximum(0.5 + 0.5 * np.einsum("ni,ni->n", *directions), 1e-12))
-    incidence, view = directions.to_lamp[:, 2], directions.to_eye[:, 2]
-    half = np.clip(0.5 * (incidence + view) / deviation, -1.0, 1.0)
-    return hg.Cosines(*(cosine[:, None] for cosine in (incidence, view, half, deviation)))
+    return hg.ReflectanceTable(*directions, np.zeros((len(directions.to_lamp), 1))).cosines
 
 
 def _pair(lamp: float, offset: float, way: float) -> tuple[tuple[float, float, float], Array]:

@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 import hagoromo as hg
-from hagoromo_figures.demo.figures import PAPER_FIGURES, Cast
-from hagoromo_figures.demo.measured import reflectances_of
-from hagoromo_figures.demo.samples import FOCAL_MM, PRESET
-from hagoromo_figures.demo.size import SIZES
+from hagoromo_matter.demo.figures import PAPER_FIGURES, Cast
+from hagoromo_matter.demo.measured import reflectances_of
+from hagoromo_matter.demo.samples import FOCAL_MM, PRESET
+from hagoromo_matter.demo.size import SIZES
 from studies.gallery.gallery_item import changed, of_whole
 from studies.gallery.gallery_items import ITEMS
 from studies.gallery.gallery_view import whole_scene

@@ -11,7 +11,7 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 import hagoromo as hg
-from hagoromo_figures.demo.report_pictures import around
+from hagoromo_page.report.report_pictures import around
 from studies.leave_one_out import NORMAL_METHODS, OURS, YARDSTICK
 from studies.object_study import INNER_RADIUS_SHARE, SPHERE, ObjectStudy
 

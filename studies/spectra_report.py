@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 import hagoromo as hg
+from hagoromo.files.plot import panels, svg_text
 from hagoromo.reflectance.spectra.prior_spectra import WAVELENGTHS
-from hagoromo_figures.demo.plots import panels, svg_text
 from studies.spectra_bench import TARGETS, Bench
 from studies.spectra_cases import Case, estimate
 from studies.spectra_row import Row

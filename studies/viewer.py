@@ -16,8 +16,8 @@ from typing import Any
 import tyro
 
 import hagoromo as hg
-from hagoromo.view.browser import Browser
-from hagoromo.view.open_desk import open_desk
+from hagoromo_page.viewer.browser import Browser
+from hagoromo_page.viewer.open_desk import open_desk
 from studies.published import BROWSER, FLAGS, tile_scene
 
 WINDOW = 1240, 720  # px

@@ -15,7 +15,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # read when NumPy and SciPy 
 @pytest.fixture
 def few_match_points(monkeypatch):
     """Texels are matched at few points, a fifth of the time: for tests that do not ask how well their levels match."""
-    from hagoromo.matter.texel import texel_match
+    from hagoromo_matter.texel import texel_match
 
     for name, count in (("POINTS", 1 << 10), ("DRAWN", 64)):
         monkeypatch.setattr(texel_match, f"{name}_OF_FINEST", count)

@@ -22,7 +22,7 @@ def test_examples_give_what_they_say(module, tmp_path, monkeypatch):
     import numpy
 
     monkeypatch.chdir(tmp_path)
-    if module.startswith("hagoromo.mitsuba"):
+    if module.startswith("hagoromo_formats.mitsuba"):
         mitsuba()  # another test may have set a variant of Mitsuba that has none of our plugins
     module = importlib.import_module(module)
     result = doctest.testmod(module, extraglobs={"hg": hg, "np": numpy}, optionflags=doctest.NORMALIZE_WHITESPACE)

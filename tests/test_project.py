@@ -4,6 +4,8 @@ import re
 from pathlib import Path
 
 import hagoromo as hg
+from studies.__main__ import main
+from studies.table_of_studies import STUDIES
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -32,7 +34,25 @@ def test_hooks_run_the_quick_checks_of_make_test():
     assert hooks == [step for step in steps if step != "pytest"]
 
 
-def test_contributing_knows_every_target_of_the_makefile():
-    targets = re.findall(r"^\.PHONY: (.+)$", text("Makefile"), re.MULTILINE)
-    for target in " ".join(targets).split():
-        assert f"make {target}`" in text("CONTRIBUTING.md"), target
+def test_make_help_says_what_every_target_is():
+    targets = " ".join(re.findall(r"^\.PHONY: (.+)$", text("Makefile"), re.MULTILINE)).split()
+    assert sorted(targets) == sorted(re.findall(r"^([a-z-]+):.* ## \S", text("Makefile"), re.MULTILINE))
+
+
+def test_every_study_runs_files_that_are_there_and_every_page_of_figures_names_its_study():
+    for name, study in STUDIES.items():
+        for arguments in study.runs:
+            assert arguments[0] == "-m" and (ROOT / f"{arguments[1].replace('.', '/')}.py").is_file(), name
+        for pattern, target in study.copies:
+            assert (ROOT / target).exists(), (name, target)
+            if pattern.endswith(".md"):
+                page = text(f"docs/{pattern.rsplit('/', 1)[1]}")
+                assert f"`python -m studies {name}`" in page, name
+
+
+def test_a_name_that_is_no_study_ends_in_a_line_and_status_2(capsys):
+    assert main(["lamps", "lamsp"]) == 2
+    assert "there is no study 'lamsp': give one of real, relit" in capsys.readouterr().err
+    assert main([]) == 0
+    listed = capsys.readouterr().out
+    assert all(f"  {name} " in listed for name in STUDIES)

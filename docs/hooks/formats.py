@@ -27,7 +27,7 @@ COLUMNS = "| format | suffixes | in | out | read by | tests compare with | lost 
 TITLES = {
     "volume": "Volumes", "cameras": "Cameras and captures", "picture": "Pictures", "surface": "Surfaces",
     "scene": "Scenes", "lamps": "Lamps", "lens": "Lenses", "spectrum": "Spectra", "box": "Volume boxes",
-    "table": "Tables", "matter": "Our own text files", "result": "Results",
+    "reflectance": "Measured reflectances", "table": "Tables", "matter": "Our own text files", "result": "Results",
 }  # fmt: skip
 
 
@@ -39,11 +39,11 @@ def on_files(files: Any, config: Any, **_: Any) -> Any:
 
 def page() -> str:
     """Markdown with a table per kind of content."""
-    from hagoromo.app.formats.table import FORMATS
+    from hagoromo.files.format import formats
 
     parts = [HEAD]
     for holds, title in TITLES.items():
-        rows = [_row(each) for each in FORMATS if each.holds == holds]
+        rows = [_row(each) for each in formats() if each.holds == holds]
         if rows:
             parts += [f"## {title} {{ #{holds} }}", "\n".join([COLUMNS, *rows])]
     return "\n\n".join(parts) + "\n"
@@ -52,6 +52,6 @@ def page() -> str:
 def _row(form: Any) -> str:
     shown = form.suffixes if len(form.suffixes) < 6 else (*form.suffixes[:5], "…")
     suffixes = " ".join(f"`{suffix}`" for suffix in shown if suffix) or "a folder"
-    ways = ("yes" if form.reader else "", "yes" if form.writer else "")
+    ways = ("yes" if form.reader else "", "yes" if form.writer or form.mesh_writer else "")
     cells = (form.name, suffixes, *ways, form.library, form.judge, form.lost)
     return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"

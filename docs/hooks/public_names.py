@@ -12,11 +12,12 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from griffe import load
+from griffe import GriffeLoader
 from mkdocs.exceptions import PluginError
 from mkdocs.structure.files import File
 
 ROOT = Path(__file__).parents[2]
+PACKAGES = ("hagoromo", "hagoromo_page", "hagoromo_formats", "hagoromo_matter")
 SECTION = "API"  # entry of the navigation that the pages stand under
 OPTIONS = "    options:\n      heading_level: 2\n"
 
@@ -47,7 +48,7 @@ def on_files(files: Any, config: Any, **_: Any) -> Any:
 @cache
 def names_by_room() -> dict[str, list[str]]:
     """Room → its public names in the order of the stub; rooms in the order of the flow of data."""
-    package = _package()
+    package = _modules()["hagoromo"]
     found: dict[str, list[str]] = defaultdict(list)
     order = list(package.members)
     for name in sorted(public_names(), key=lambda name: order.index(name) if name in order else -1):
@@ -59,7 +60,8 @@ def names_by_room() -> dict[str, list[str]]:
         target = member.final_target if member.is_alias else member
         if not target.has_docstring:
             raise PluginError(f"hagoromo.{name} is public and has no docstring ({target.path})")
-        found[target.path.split(".")[1]].append(name)
+        home, room = target.path.split(".")[:2]
+        found[room if home == "hagoromo" else home].append(name)
     return {room: found[room] for room in [*_rooms(), *sorted(found)] if room in found}
 
 
@@ -71,8 +73,12 @@ def public_names() -> list[str]:
 
 
 @cache
-def _package() -> Any:
-    return load("hagoromo", search_paths=[str(ROOT)], allow_inspection=False)
+def _modules() -> Any:
+    """The packages, read from their source."""
+    loader = GriffeLoader(search_paths=[str(ROOT)], allow_inspection=False)
+    for package in PACKAGES:
+        loader.load(package)
+    return loader.modules_collection
 
 
 def _rooms() -> list[str]:
@@ -87,8 +93,8 @@ def _rooms() -> list[str]:
 
 def _summary(room: str) -> str:
     """First sentence of a room's own docstring."""
-    package = _package()
-    return package[room].docstring.value.splitlines()[0] if package[room].docstring else ""
+    module = _modules()[room] if room in PACKAGES else _modules()["hagoromo"][room]
+    return module.docstring.value.splitlines()[0] if module.docstring else ""
 
 
 def _link(room: str) -> Any:

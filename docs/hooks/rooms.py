@@ -104,10 +104,10 @@ def rooms_and_imports() -> str:
 
 
 def rooms() -> list[Room]:
-    """The rooms of the package from the commands down, with their sizes."""
+    """The packages beside the core, then its rooms from the commands down, with their sizes."""
     with (ROOT / "pyproject.toml").open("rb") as file:
         contracts = tomllib.load(file)["tool"]["importlinter"]["contracts"]
-    layers = next(c for c in contracts if c.get("containers") == ["hagoromo"])["layers"]
+    layers = [layer for contract in reversed(contracts) for layer in contract["layers"] if layer != "hagoromo"]
     return [_room(name.strip(), k) for k, layer in enumerate(layers) for name in layer.split("|")]
 
 
@@ -117,8 +117,9 @@ def imports() -> Counter[tuple[str, str]]:
     for room in rooms():
         for path in _files(room.name):
             for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-                if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("hagoromo."):
-                    imported = str(node.module).split(".")[1]
+                if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("hagoromo"):
+                    package, _, rest = str(node.module).partition(".")
+                    imported = rest.split(".")[0] if package == "hagoromo" else package
                     if imported != room.name:
                         counts[room.name, imported] += 1
     known = {room.name for room in rooms()}
@@ -128,7 +129,7 @@ def imports() -> Counter[tuple[str, str]]:
 def _room(name: str, layer: int) -> Room:
     files = _files(name)
     if not files:
-        raise PluginError(f"pyproject.toml lists the layer {name!r}, and hagoromo/ has no such room")
+        raise PluginError(f"pyproject.toml lists the layer {name!r}, and there is no such room")
     texts = [path.read_text(encoding="utf-8") for path in files]
     summary = (ast.get_docstring(ast.parse(texts[0])) or "").split("\n\n")[0].replace("\n", " ")
     return Room(name, layer, summary, len(files), sum(text.count("\n") for text in texts))
@@ -136,7 +137,7 @@ def _room(name: str, layer: int) -> Room:
 
 def _files(room: str) -> list[Path]:
     """The files of a room, the one with its docstring first."""
-    folder = ROOT / "hagoromo" / room
+    folder = ROOT / room if room.startswith("hagoromo_") else ROOT / "hagoromo" / room
     if folder.is_dir():
         return [folder / "__init__.py", *sorted(set(folder.rglob("*.py")) - {folder / "__init__.py"})]
     return [path for path in (folder.with_suffix(".py"),) if path.exists()]

@@ -1,4 +1,4 @@
-"""What pages name must exist: source files, make targets, and verbs and options of commands; else no site is built."""
+"""What pages name must exist: files, make targets, studies, verbs and options of commands; else no site is built."""
 
 from __future__ import annotations
 
@@ -10,15 +10,18 @@ from typing import Any
 from commands import help_of, verbs
 from mkdocs.exceptions import PluginError
 
+from studies.table_of_studies import STUDIES
+
 ROOT = Path(__file__).parents[2]
 GENERATED = tuple(
     f"reference/{name}" for name in ("api", "commands.md", "recipes.md", "fields.md")
 )  # made from what there is
 CODE = re.compile(r"(?<!`)`([^`\n]+)`(?!`)")
-PATH = re.compile(r"(?:hagoromo|hagoromo_figures|studies|tests|benchmarks|examples|docs)/[\w/.-]*|[a-z]\w*\.py")
+PATH = re.compile(r"(?:hagoromo(?:_\w+)?|studies|tests|benchmarks|examples|docs)/[\w/.-]*|[a-z]\w*\.py")
 BLOCK = re.compile(r"^```sh\n(.*?)^```", re.MULTILINE | re.DOTALL)
 COMMAND = re.compile(r"(?<!import )\bhagoromo ((?:calibrate )?[a-z]+)((?: [^\n|;#]*)?)")
 TARGET = re.compile(r"^make ([a-z-]+)")
+STUDY = re.compile(r"^python -m studies ([a-z-]+)")
 
 
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
@@ -33,6 +36,9 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
         target = TARGET.match(text)
         if target and target[1] not in _targets():
             raise PluginError(f"{where} names make {target[1]}, and the Makefile has no such target")
+        study = STUDY.match(text)
+        if study and study[1] not in STUDIES:
+            raise PluginError(f"{where} names the study {study[1]}, and there is no such study")
         for verb, arguments in COMMAND.findall(text):
             _check_command(where, tuple(verb.split()), re.findall(r"(?<!\S)--([a-z][a-z-]*)", arguments))
     return markdown
@@ -49,7 +55,11 @@ def _check_command(where: str, verb: tuple[str, ...], options: list[str]) -> Non
 @cache
 def _exists(path: str) -> bool:
     """Whether a file or folder is there; a name alone may lie anywhere in the package."""
-    return (ROOT / path).exists() if "/" in path else any((ROOT / "hagoromo").rglob(path))
+    return (
+        (ROOT / path).exists()
+        if "/" in path
+        else any(found for package in ROOT.glob("hagoromo*") for found in package.rglob(path))
+    )
 
 
 @cache

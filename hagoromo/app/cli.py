@@ -25,22 +25,17 @@ from tyro.conf import Positional
 import hagoromo as hg
 from hagoromo.app import cache_verb as cache_verb
 from hagoromo.app import capture_verb as capture_verb
-from hagoromo.app import convert_verb as convert_verb
-from hagoromo.app import demo_verb as demo_verb
-from hagoromo.app import exporting as exporting
 from hagoromo.app import recipes_verb as recipes_verb
 from hagoromo.app import spectra_verb as spectra_verb
-from hagoromo.app import view_verb as view_verb
 from hagoromo.app.calibrations import calibrations
 from hagoromo.app.everywhere import HELP, Everywhere, everywhere, taken
 from hagoromo.app.interrupt import exit_status, signals_as_interrupt, wait_for_kernels
 from hagoromo.app.progress_bar import progress_bar
-from hagoromo.app.publishing import publish
 from hagoromo.app.render_verb import render
 from hagoromo.app.scheduler_options import HERE, Scheduler
 from hagoromo.app.sensor_options import AS_STATED, Sensor
 from hagoromo.app.streams import give_up_streams, printable_streams
-from hagoromo.app.verb import Force, Out, say, verb, verbs, wrote
+from hagoromo.app.verb import Force, Out, load_verbs, say, verb, verbs, wrote
 from hagoromo.app.written import picture_or_film, with_picture
 from hagoromo.errors import InputError
 from hagoromo.files.finite import finite_json
@@ -61,6 +56,7 @@ PASSWORD = re.compile(r"[^\s=:/]*:[^\s]*@")  # a user, and a password, before th
 ANSI = re.compile(r"\x1b\[[0-9;]*m")
 
 verbs.command(calibrations, name="calibrate", help="Calibrate a camera, its response, or lamps.")
+load_verbs()
 
 
 def main(arguments: Sequence[str] | None = None, ends: bool = False) -> int:
@@ -345,9 +341,6 @@ def relight(
     if relighting.advice is not None:
         say(relighting.advice)
     wrote(out / "report.html")
-
-
-verb(verbs)(publish)
 
 
 @verb(verbs)

@@ -3,28 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 from hagoromo.app import pixel_facts
-from hagoromo.app.formats.find import format_of
-from hagoromo.app.formats.table import MITSUBA
 from hagoromo.app.pixel_facts import Facts, decoded
 from hagoromo.calibration.camera.calibrate_camera import NAMES
-from hagoromo.camera.formats.camera_file import NERFSTUDIO, read_views, transforms_in
-from hagoromo.camera.formats.lensfun import names_in_lensfun
-from hagoromo.camera.formats.opencv_file import MATRIX
+from hagoromo.camera.formats.camera_file import format_of_cameras, read_views, transforms_in
 from hagoromo.errors import InputError
+from hagoromo.files.checks import inside
+from hagoromo.files.format import format_of, function_at, short
 from hagoromo.files.mesh import read_mesh
 from hagoromo.files.record import read_json, read_toml
 from hagoromo.files.table import read_table
-from hagoromo.files.usd_parts import read_usd
 from hagoromo.light.lamp_profile import LampProfile
 from hagoromo.light.spectrum_file import read_spectrum_file
-from hagoromo.mitsuba.xml_tree import read_xml
 from hagoromo.photograph.capture import count_absent
 from hagoromo.photograph.lamp_files import load_lamps
 
@@ -39,8 +33,29 @@ def info(path: str | Path, decode: bool = False) -> Facts:
     """
     path = Path(path)
     found = format_of(path)
-    facts = (FACTS.get(found.name) or FACTS_OF_KIND[found.holds])(path)
+    facts = (function_at(found.facts) if found.facts else OF_KIND[found.holds])(path)
     return facts | decoded(found.name, found.holds, path) if decode else facts
+
+
+def is_capture(path: Path) -> bool:
+    """Whether a folder is a capture."""
+    return path.is_dir() and inside(path, "transforms.json").exists()
+
+
+def is_box(path: Path) -> bool:
+    """Whether a folder is a volume box."""
+    return path.is_dir() and (path / "zarr.json").exists()
+
+
+def lamps_facts(path: Path) -> Facts:
+    """How many lamps a dome has."""
+    return {"kind": "lamps", "lamps": len(load_lamps(path))}
+
+
+def _reflectance(path: Path) -> Facts:
+    table = format_of(path).read(path)
+    span = [float(table.values.min()), float(table.values.max())]
+    return {"kind": "reflectance", "directions": len(table.values), "channels": list(table.channels), "range": span}
 
 
 def _spectrum(path: Path) -> Facts:
@@ -50,11 +65,6 @@ def _spectrum(path: Path) -> Facts:
     return {"kind": "spectrum", "wavelengths": len(waves), "range_nm": ends, "range": span}
 
 
-def _lenses(path: Path) -> Facts:
-    cameras, lenses = names_in_lensfun(path)
-    return {"kind": "lenses", "cameras": _short(cameras), "lenses": _short(lenses)}
-
-
 def _surface(path: Path) -> Facts:
     mesh = read_mesh(path)
     low, high = mesh.bounds.tolist()
@@ -62,7 +72,8 @@ def _surface(path: Path) -> Facts:
             "closed": bool(mesh.is_watertight)}  # fmt: skip
 
 
-def _transforms(path: Path) -> Facts:
+def transforms_facts(path: Path) -> Facts:
+    """What a capture, or a list of views, holds."""
     path = transforms_in(path) or path if path.is_dir() else path
     record = read_json(path)
     frames = record.get("frames") if isinstance(record, dict) else None
@@ -79,7 +90,8 @@ def _transforms(path: Path) -> Facts:
     }
 
 
-def _box(path: Path) -> Facts:
+def box_facts(path: Path) -> Facts:
+    """What a volume box is; its bricks are not read."""
     from hagoromo.volume.store.box_store import look_at_box
 
     box = look_at_box(path)
@@ -95,11 +107,12 @@ def _box(path: Path) -> Facts:
         "shadow_bias": box.header.shadow_bias,
         "materials": [material.name for material in box.header.materials],
         "bricks": f"{box.kept} hold matter, {box.bytes / 2**20:.1f} MiB",
-        **{key: _short(value) for key, value in box.header.provenance.items()},
+        **{key: short(value) for key, value in box.header.provenance.items()},
     }
 
 
-def _ies(path: Path) -> Facts:
+def ies_facts(path: Path) -> Facts:
+    """What a profile of a lamp is."""
     profile = LampProfile.from_ies(path)
     angles = {key: [float(a[0]), float(a[-1]), len(a)] for key, a in
               (("lateral", profile.lateral), ("vertical", profile.vertical))}  # fmt: skip
@@ -114,7 +127,7 @@ def _toml(path: Path) -> Facts:
         names = [step.get("name") for step in record["step"] if isinstance(step, dict)]
         return {"kind": "batch", "each": record.get("each"), "steps": names}
     if "camera" not in record:
-        return {"kind": "matter", **{key: _short(value) for key, value in record.items()}}
+        return {"kind": "matter", **{key: short(value) for key, value in record.items()}}
     from hagoromo.image.scene_file import load_scene
 
     scene, settings = load_scene(path)
@@ -129,18 +142,19 @@ def _toml(path: Path) -> Facts:
     }
 
 
-def _json(path: Path) -> Facts:
+def json_facts(path: Path) -> Facts:
+    """What one of our JSON files, or a list of cameras, holds."""
     record = read_json(path)
     if isinstance(record, list):
         return {"kind": "materials", **_materials(path)}
     if isinstance(record, dict) and "frames" in record:
-        return _transforms(path)
+        return transforms_facts(path)
     if isinstance(record, dict) and "fl_x" in record:
-        return {"kind": "camera", **{key: _short(value) for key, value in record.items()}}
-    if isinstance(record, dict) and any(key in record for key in MATRIX):
+        return {"kind": "camera", **{key: short(value) for key, value in record.items()}}
+    if format_of_cameras(path) is not None:
         return _cameras(path)
     if isinstance(record, dict) and isinstance(record.get("lamps"), list):
-        return {"kind": "lamps", **{str(k): _short(lamp) for k, lamp in enumerate(record["lamps"])}}
+        return {"kind": "lamps", **{str(k): short(lamp) for k, lamp in enumerate(record["lamps"])}}
     raise InputError(f"{path} is JSON of unknown type: give materials, camera, lamps or a capture")
 
 
@@ -149,7 +163,7 @@ def _cameras(path: Path) -> Facts:
     lenses = {(c.width, c.height, *c.focal, *c.principal, *c.distortion) for c in views.values()}
     keys = ("w", "h", *NAMES)
     shown = {str(k): dict(zip(keys, lens, strict=True)) for k, lens in enumerate(sorted(lenses))}
-    return {"kind": "cameras", "views": len(views), "images": _short(list(views)), **shown}
+    return {"kind": "cameras", "views": len(views), "images": short(list(views)), **shown}
 
 
 def _materials(path: Path) -> Facts:
@@ -167,47 +181,7 @@ def _csv(path: Path) -> Facts:
     return {"kind": "table", "rows": rows, **{k: [float(v.min()), float(v.max())] for k, v in table.items()}}
 
 
-def _short(value: Any) -> Any:
-    """A value for printing: of long lists and texts only the size."""
-    if isinstance(value, list) and len(value) > 4:
-        return f"{len(value)} entries"
-    if isinstance(value, dict):
-        return {key: _short(entry) for key, entry in value.items()}
-    return f"{len(value)} characters" if isinstance(value, str) and len(value) > 200 else value
-
-
-def _mitsuba(path: Path) -> Facts:
-    """How many plugins of each type a scene of Mitsuba has, by their tags; nothing of it is loaded."""
-    parts = [part for part in read_xml(path).values() if isinstance(part, dict)]
-    tags = dict.fromkeys(str(part.get("tag")) for part in parts)
-    counts = {tag: Counter(str(part["type"]) for part in parts if part.get("tag") == tag) for tag in tags}
-    return {"kind": MITSUBA, **{tag: dict(counts[tag]) for tag in tags}}
-
-
-def _usd(path: Path) -> Facts:
-    parts = read_usd(path)
-    return {
-        "kind": "USD scene", "cameras": [each["name"] for each in parts.cameras],
-        "lamps": {each["name"]: each["kind"] for each in parts.lamps},
-        "surfaces": {each.name: len(each.faces) for each in parts.meshes}
-        | {each["name"]: each["kind"] for each in parts.shapes},
-        "materials": sorted(parts.materials), "metres_per_unit": parts.metres, "not_read": parts.lost,
-    }  # fmt: skip
-
-
-FACTS: dict[str, Callable[[Path], Facts]] = {
-    **pixel_facts.HEADERS,
-    "volume box": _box,
-    "capture": _transforms,
-    "materials, camera, lamps": _json,
-    NERFSTUDIO: _transforms,
-    MITSUBA: _mitsuba,
-    "USD": _usd,
-    "IES LM-63": _ies,
-    "lensfun": _lenses,
-    "RTI dome .lp": lambda path: {"kind": "lamps", "lamps": len(load_lamps(path))},
-}
-FACTS_OF_KIND: dict[str, Callable[[Path], Facts]] = {
-    "volume": pixel_facts.volume, "surface": _surface, "scene": _surface, "spectrum": _spectrum,
-    "cameras": _cameras, "matter": _toml, "table": _csv,
+OF_KIND: dict[str, Callable[[Path], Facts]] = {
+    "volume": pixel_facts.volume, "surface": _surface, "scene": _surface, "spectrum": _spectrum, "cameras": _cameras,
+    "picture": pixel_facts.picture, "reflectance": _reflectance, "matter": _toml, "table": _csv,
 }  # fmt: skip

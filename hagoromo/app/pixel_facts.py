@@ -17,7 +17,7 @@ from hagoromo.files.hdr import hdr_size, read_hdr
 from hagoromo.files.picture import picture_size, read_picture
 from hagoromo.files.raw import raw_size, read_raw
 from hagoromo.files.tiff import read_tiff, tiff_page
-from hagoromo.files.volumes.formats import look_at_volume, read_volume
+from hagoromo.files.volume_file import look_at_volume, read_volume
 from hagoromo.image.image import lamp_names_in
 from hagoromo.image.sums_channels import NAME as CHANNEL_OF_SUMS
 
@@ -107,9 +107,6 @@ def _decoded_raw(path: Path) -> Facts:
     return {"mosaic": shot.mosaic, "black": np.unique(shot.black).tolist(), "white": shot.white, **exif}
 
 
-HEADERS: dict[str, Callable[[Path], Facts]] = {
-    "OpenEXR": exr, "PNG": picture, "JPEG": picture, "TIFF": tiff, "Radiance HDR": hdr, "camera RAW": raw,
-}  # fmt: skip
 DECODED: dict[str, Callable[[Path], Facts]] = {
     "OpenEXR": _decoded_exr, "PNG": _decoded_picture, "JPEG": _decoded_picture, "camera RAW": _decoded_raw,
     "TIFF": lambda path: {"range": _range(read_tiff(path))},

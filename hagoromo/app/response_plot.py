@@ -6,7 +6,7 @@ import io
 
 from hagoromo.calibration.response.response_calibration import ResponseCalibration
 from hagoromo.files.names import plot_label
-from hagoromo_figures.demo.plots import panels
+from hagoromo.files.plot import panels
 
 CHANNEL_COLOURS = {"R": "#b00020", "G": "#2e7d32", "B": "#1f4e8c"}
 

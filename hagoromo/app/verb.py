@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
+from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -40,6 +41,12 @@ def verb(
         return function
 
     return register
+
+
+def load_verbs() -> None:
+    """Add the commands of the packages beside the core: modules by entry points of the group `hagoromo.verbs`."""
+    for point in sorted(entry_points(group="hagoromo.verbs"), key=lambda point: point.name):
+        point.load()
 
 
 def written_by_verb(function: Callable[..., Any], out: Path) -> Written:

@@ -47,14 +47,6 @@ def picture_or_film(out: Path) -> Written:
     return with_picture(out) if out.suffix else alone(out)
 
 
-def converted(out: Path) -> Written:
-    """What `convert` writes: a USD has the pictures of its surfaces beside it, but for an archive."""
-    from hagoromo.files.usd_stage import ARCHIVE, USD
-
-    suffix = out.suffix.lower()
-    return Written((out,), f"{out.stem}_" if suffix in USD and suffix != ARCHIVE else "")
-
-
 def response_files(out: Path) -> Written:
     """What `calibrate response` writes: the curves, their intervals, what was found, and a plot."""
     from hagoromo.calibration.response.response_calibration import ResponseCalibration

@@ -100,8 +100,10 @@ def _bound_memory(now: int) -> None:
 
     if not Path("/proc/self").exists():
         return
-    import resource
-
+    try:
+        import resource
+    except ImportError:
+        return
     _, hard = resource.getrlimit(resource.RLIMIT_AS)
     resource.setrlimit(resource.RLIMIT_AS, (hard, hard))  # `free_memory` goes by the bound that is in force
     most = psutil.Process().memory_info().vms + int(SHARE_OF_MEMORY * free_memory())

@@ -38,7 +38,7 @@ DATA, NOTE = "data", "content.json"
 NAME = re.compile(r"[0-9a-f]{64}")
 LONGEST_NOTE = 4096  # bytes
 PACKAGES = ("drjit", "mitsuba", "numpy", "scipy")  # whose versions may change the bits of a result
-SOURCES = ("hagoromo", "hagoromo_figures")
+SOURCES = ("hagoromo", "hagoromo_formats", "hagoromo_matter", "hagoromo_page")
 
 Value = TypeVar("Value")
 

@@ -1,4 +1,4 @@
-"""Mesh files: PLY, OBJ, STL, OFF and glTF, read by trimesh, VTP by VTK, Alembic and USD by their own.
+"""Mesh files: PLY, OBJ, STL, OFF and glTF, read by trimesh; those of other packages by what the table of formats names.
 
 The parts of a file are joined to one mesh. Archives are not opened, nor textures, nor addresses; a glTF may name files
 of its own folder.
@@ -7,7 +7,7 @@ of its own folder.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,25 +17,12 @@ from numpy.typing import NDArray
 from hagoromo.errors import InputError
 from hagoromo.files.apart import prepare, read_apart
 from hagoromo.files.checks import read_bytes, sized_file
+from hagoromo.files.format import Format, formats_of, function_at
 from hagoromo.files.gltf import SUFFIXES, gltf_record
 from hagoromo.files.memory import require
-from hagoromo.files.mesh_abc import read_abc
 from hagoromo.files.mesh_trimesh import LARGEST_MESH, mesh_by_trimesh, parts_by_trimesh
-from hagoromo.files.mesh_vtp import read_vtp
 from hagoromo.files.reading import reading
-from hagoromo.files.usd_parts import read_usd_mesh
-from hagoromo.files.usd_stage import USD
-
-VTP, ABC = ".vtp", ".abc"
-BY_LIBRARY: dict[str, Callable[[Path], tuple[Any, Any]]] = {
-    VTP: read_vtp,
-    ABC: read_abc,
-    **dict.fromkeys(USD, read_usd_mesh),
-}
-# suffix → memory of the mesh while it is read and joined, in sizes of its file: of text of the shortest lines, of the
-# smallest triangles in binary
-GROWTH = {".ply": 40.0, ".obj": 60.0, ".stl": 30.0, ".off": 60.0, ".glb": 30.0, ".gltf": 30.0, VTP: 60.0, ABC: 300.0,
-          **dict.fromkeys(USD, 60.0)}  # fmt: skip
+from hagoromo.files.whole import whole_file
 
 
 def read_mesh(path: str | Path, process: bool = True) -> Any:
@@ -43,15 +30,13 @@ def read_mesh(path: str | Path, process: bool = True) -> Any:
 
     It is read in a process apart. process: whether vertices in one place are joined.
     """
-    suffix = Path(path).suffix.lower()
-    if suffix not in GROWTH:
-        raise InputError(f"{path} is no mesh file of a known format: give one of {', '.join(GROWTH)}")
+    form = mesh_format(path)
     file = sized_file(path, LARGEST_MESH, "a mesh file")
-    require(GROWTH[suffix] * file.stat().st_size, str(file))
-    if suffix in BY_LIBRARY:
+    require(form.growth * file.stat().st_size, str(file))
+    if form.triangles:
         import trimesh
 
-        mesh = trimesh.Trimesh(*BY_LIBRARY[suffix](file))
+        mesh = trimesh.Trimesh(*function_at(form.triangles)(file))
     else:
         prepare("trimesh")  # while it is loaded here, too
         import trimesh
@@ -62,6 +47,26 @@ def read_mesh(path: str | Path, process: bool = True) -> Any:
     if mesh.vertices.shape[1:] != (3,):
         raise InputError(f"{path} has vertices of {mesh.vertices.shape[1]} coordinates: give a mesh with x, y, z")
     return mesh
+
+
+def write_mesh(vertices: Any, faces: Any, out: str | Path, force: bool = False) -> None:
+    """Write a mesh, places alone, as PLY, OBJ, STL, OFF or GLB; vertices: (n, 3); faces: (m, 3) of their numbers."""
+    import trimesh
+
+    data = trimesh.Trimesh(vertices, faces, process=False).export(file_type=Path(out).suffix.lower()[1:])
+    with whole_file(out, force) as partial:
+        partial.write_bytes(data.encode() if isinstance(data, str) else bytes(data))
+
+
+def mesh_format(path: str | Path) -> Format:
+    """The format of a mesh, by the suffix of its name; `InputError` for one that holds none."""
+    known = [form for form in formats_of("surface", "scene") if form.growth]
+    suffix = Path(path).suffix.lower()
+    form = next((form for form in known if suffix in form.suffixes), None)
+    if form is None:
+        names = ", ".join(suffix for form in known for suffix in form.suffixes)
+        raise InputError(f"{path} is no mesh file of a known format: give one of {names}")
+    return form
 
 
 def _mesh_of(arrays: Mapping[str, Any]) -> Any:
@@ -136,7 +141,7 @@ def read_gltf(path: str | Path, numbered: bool = False) -> tuple[dict[str, Any],
         raise InputError(f"{path} is no glTF: give a .glb or .gltf")
     file = sized_file(path, LARGEST_MESH, "a mesh file")
     with reading(path, "glTF"):
-        record = gltf_record(read_bytes(file, GROWTH[suffix]), suffix, str(file))
+        record = gltf_record(read_bytes(file, mesh_format(file).growth), suffix, str(file))
     return record, parts_apart(file, numbered)
 
 

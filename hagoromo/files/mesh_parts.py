@@ -16,7 +16,7 @@ from hagoromo.errors import InputError
 from hagoromo.files.checks import sized_file
 from hagoromo.files.gltf import SUFFIXES
 from hagoromo.files.memory import require
-from hagoromo.files.mesh import GROWTH, parts_apart, read_gltf, read_mesh, uv_of
+from hagoromo.files.mesh import mesh_format, parts_apart, read_gltf, read_mesh, uv_of
 from hagoromo.files.mesh_trimesh import LARGEST_MESH
 
 
@@ -38,7 +38,7 @@ def read_parts(path: str | Path) -> MeshParts:
     suffix = Path(path).suffix.lower()
     if suffix == ".obj":
         file = sized_file(path, LARGEST_MESH, "a mesh file")
-        require(GROWTH[suffix] * file.stat().st_size, str(file))
+        require(mesh_format(path).growth * file.stat().st_size, str(file))
         parts = parts_apart(file)
     elif suffix in SUFFIXES:
         parts = read_gltf(path)[1]

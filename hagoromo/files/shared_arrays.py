@@ -64,7 +64,8 @@ def shared(layout: list[list[Any]], size: int, arrays: Mapping[str, NDArray[Any]
         for name, _, _, begin in layout:
             left = np.ascontiguousarray(arrays[name]).reshape(-1).view(np.uint8).data
             while len(left):  # writing takes half the time of copying into a map
-                done = os.pwrite(number, left, begin)
+                os.lseek(number, begin, os.SEEK_SET)
+                done = os.write(number, left)
                 left, begin = left[done:], begin + done
     except BaseException:
         os.close(number)
@@ -82,8 +83,10 @@ def give(channel: socket.socket, number: int) -> None:
 
 def memory_of(channel: socket.socket, size: int) -> mmap.mmap:
     """Memory of `size` bytes that the other process gives; what is written to it stays here."""
-    import fcntl
-
+    try:
+        import fcntl
+    except ImportError as error:
+        raise EOFError from error
     _, numbers, _, _ = socket.recv_fds(channel, 1, 1)
     if not numbers:
         raise EOFError

@@ -119,10 +119,11 @@ class Sums:
 
     def beside(self) -> NDArray[np.bool_]:
         """Which pixels show matter or may show some: those in a square of BESIDE around one that does."""
-        return np.asarray(maximum_filter(self.seen().reshape(self.size), BESIDE)).ravel()
+        near = maximum_filter(self.seen().reshape(self.size), BESIDE)
+        return np.asarray(near > 0, np.bool_).ravel()
 
     def matter(self) -> float:
-        """About how many pixels show matter, also those that all walks have missed (Chao 1984): of pixels that one walk
+        """About how many pixels show matter, also those that all walks have missed: of pixels that one walk
         found, and that two found, follows how many none did.
         """
         seen, hits = self.seen(), self.table[:, COVERED]

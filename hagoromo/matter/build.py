@@ -21,7 +21,7 @@ from hagoromo.errors import InputError, described
 from hagoromo.files.record import ForeignRecord, decode, read_toml
 from hagoromo.files.whole import replaceable_folder
 from hagoromo.matter.fingerprint import fingerprint
-from hagoromo.matter.recipes.recipe import Recipe
+from hagoromo.matter.recipe import Recipe
 from hagoromo.matter.registry import kind_names, kind_of
 from hagoromo.matter.shipped import recipe_place
 from hagoromo.progress import Progress, silent

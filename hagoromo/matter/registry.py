@@ -1,6 +1,6 @@
-"""Registry: the kinds of matter that recipes may name: those of this package, and those that other packages add.
+"""Registry: the kinds of matter that recipes may name. Each is an entry point of the group `hagoromo.matter`.
 
-A package adds a kind by an entry point of the group `hagoromo.matter`: the name of the kind, and where its `Kind` is.
+A package adds a kind by the name of the kind, and where its `Kind` is; those of `hagoromo_matter` are added so, too.
 
     [project.entry-points."hagoromo.matter"]
     lichen = "my_package.lichen:KIND"
@@ -12,36 +12,22 @@ from functools import cache
 from importlib.metadata import entry_points
 
 from hagoromo.errors import InputError
-from hagoromo.matter.recipes import cloth, feather, hair, knit, relief, skin, solid, volume, wing
-from hagoromo.matter.recipes.recipe import Kind
+from hagoromo.matter.recipe import Kind
 
 GROUP = "hagoromo.matter"
-OWN = {
-    "skin": skin.KIND,
-    "cloth": cloth.KIND,
-    "knit": knit.KIND,
-    "feather": feather.KIND,
-    "wing": wing.KIND,
-    "hair": hair.KIND,
-    "solid": solid.KIND,
-    "volume": volume.KIND,
-    "relief": relief.KIND,
-}
 
 
 @cache
 def kind_names() -> tuple[str, ...]:
-    """The names of all kinds, this package's first; nothing of other packages is imported."""
-    return (*OWN, *sorted({point.name for point in entry_points(group=GROUP)} - set(OWN)))
+    """The names of all kinds, in the order of the alphabet; no package that has them is imported."""
+    return tuple(sorted(entry_points(group=GROUP).names))
 
 
 def kind_of(name: str) -> Kind:
-    """The kind of matter called `name`.
+    """The kind of matter called `name`, one of `kind_names()`.
 
-    `InputError` when another package names it but cannot be imported, or holds no `Kind` there.
+    `InputError` when the package that names it cannot be imported, or holds no `Kind` there.
     """
-    if name in OWN:
-        return OWN[name]
     (point, *_) = entry_points(group=GROUP, name=name)
     try:
         kind = point.load()

@@ -13,9 +13,9 @@ NAME = re.compile(r"[a-z][a-z0-9_]*")
 def shipped_recipes() -> dict[str, Path]:
     """Name → file of every recipe that comes with the package, by name.
 
-    They are `examples/recipes` of the repository, which the wheel holds as `hagoromo/matter/recipes/shipped`.
+    They are `examples/recipes` of the repository, which the wheel holds as `hagoromo/matter/recipes`.
     """
-    installed = Path(__file__).parent / "recipes" / "shipped"
+    installed = Path(__file__).parent / "recipes"
     folder = installed if installed.is_dir() else Path(__file__).parents[2] / "examples" / "recipes"
     return {file.stem: file for file in sorted(folder.glob("*.toml"))}
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.files.record import decode_one
-from hagoromo.matter.recipes.cloth import WEAVES
+from hagoromo_matter.recipes.cloth import WEAVES
 
 PIXELS_PER_CROSSING = 16  # before the drawing is brought to its size
 WARP_UP, WEFT_UP, LINE = 30, 245, 150  # grey levels

@@ -11,10 +11,10 @@ from studies.gallery.gallery_items import ITEMS
 
 GALLERY_INTRODUCTION = """# Gallery
 
-Every picture here is made by `make gallery` from the recipes in [`{recipes}`](../{recipes}), which `hagoromo build`
-builds, too. Of each matter: all of it; a field of view of 1 cm, of a woven cloth beside its draft of 1 cm (dark: the
-warp is on the face); one of 1 mm; and all of it under one lamp that moves around it in steps of 45°, from the front to
-its right, to behind it, and back. The same seed gives the same pictures.
+Every picture here is made by `python -m studies gallery` from the recipes in [`{recipes}`](../{recipes}),
+which `hagoromo build` builds, too. Of each matter: all of it; a field of view of 1 cm, of a woven cloth beside its
+draft of 1 cm (dark: the warp is on the face); one of 1 mm; and all of it under one lamp that moves around it in steps
+of 45°, from the front to its right, to behind it, and back. The same seed gives the same pictures.
 
 """
 COST = """## What each costs

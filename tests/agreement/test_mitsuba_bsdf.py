@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import hagoromo as hg
-import hagoromo.mitsuba as hm
+import hagoromo_formats.mitsuba as hm
 from hagoromo import backend
 from hagoromo.errors import InputError
 from hagoromo.light.colour import linear_colour

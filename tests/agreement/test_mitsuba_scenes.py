@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 
 import hagoromo as hg
-import hagoromo.mitsuba as hm
+import hagoromo_formats.mitsuba as hm
 from hagoromo import backend
 from hagoromo.files.exr import write_exr
 from hagoromo.image.scene_file import load_scene
 from hagoromo.light.colour import colour_matching, xyz_from_srgb
 from hagoromo.light.spectrum import integrate_product
-from hagoromo.mitsuba.bsdfs import diffuse_fresnel
-from hagoromo.mitsuba.medium import flakes
-from hagoromo.mitsuba.textures import ply_of
+from hagoromo_formats.mitsuba.bsdfs import diffuse_fresnel
+from hagoromo_formats.mitsuba.medium import flakes
+from hagoromo_formats.mitsuba.textures import ply_of
 from tests.agreement.test_mitsuba import INTENSITY, LAMP, TAU, VOXELS, cloud
 from tests.agreement.test_mitsuba import camera as camera_of_cloud
 from tests.judges import blocks_agree

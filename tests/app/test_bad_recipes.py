@@ -3,10 +3,10 @@
 import pytest
 
 from hagoromo.errors import InputError
-from hagoromo.matter.cloth.draft import herringbone, satin, twill
-from hagoromo.matter.cloth.weave import LINEN, woven_paths
-from hagoromo.matter.drape.drape import over_ball
-from hagoromo.matter.drape.hanging import flat, hanging
+from hagoromo_matter.cloth.draft import herringbone, satin, twill
+from hagoromo_matter.cloth.weave import LINEN, woven_paths
+from hagoromo_matter.drape.drape import over_ball
+from hagoromo_matter.drape.hanging import flat, hanging
 
 
 @pytest.mark.parametrize(
@@ -18,7 +18,7 @@ from hagoromo.matter.drape.hanging import flat, hanging
         ("size_mm = 6.0", "size_m = 6.0", "unknown key 'size_m'"),
         ("beta = 0.5", "beta = -0.5", "beta"),
         ("alpha = 0.2", "alpha = 0.9", "energy conservation"),
-        ('kind = "skin"', 'kind = "scales"', "one of skin"),
+        ('kind = "skin"', 'kind = "scales"', "one of cloth"),
         ("[material]", "[materials]", "material"),
         ("body_colour = 0.7", 'body_colour = "../red.csv"', "points outside"),
     ],

@@ -6,13 +6,13 @@ import struct
 import pytest
 
 from hagoromo.app.cli import main
-from hagoromo.files.volumes.volume_file import resampled
+from hagoromo.files.volume_file import resampled
 from hagoromo.volume.store.box_store import load_box
 from tests.files.test_volume_files import EDGES, RAW, VALUES, a_box, metaimage, nifti, nrrd, vol
 
 REFUSED = {
     "cut.nrrd": (nrrd()[:-3], "cut off"),
-    "large.nrrd": (nrrd().replace(b"sizes: 5 4 3", b"sizes: 500000 400000 300000"), "GiB"),
+    "large.nrrd": (nrrd().replace(b"sizes: 5 4 3", b"sizes: 500000 400000 300000"), "states"),
     "bomb.nrrd": (nrrd("gzip", gzip.compress(RAW[:8])), "unpacks to 8 bytes"),
     "type.nrrd": (nrrd().replace(b"uint16", b"block"), "type.nrrd"),
     "text.nrrd": (nrrd("ascii"), "is packed by"),
@@ -23,7 +23,7 @@ REFUSED = {
     "cut.vol": (vol()[:-1], "cut off"),
     "old.vol": (b"VOL\2" + vol()[4:], "version 2"),
     "cut.nii": (nifti()[:-5], "cut.nii"),
-    "large.nii": (nifti()[:42] + struct.pack("<3h", 32767, 32767, 32767) + nifti()[48:], "GiB"),
+    "large.nii": (nifti()[:42] + struct.pack("<3h", 32767, 32767, 32767) + nifti()[48:], "states"),
     "a.txt": (b"1 2 3\n", "no"),
 }
 

@@ -11,7 +11,7 @@ import pytest
 
 import hagoromo as hg
 from hagoromo.backend import arrays
-from hagoromo.matter.drape.sheet import Sheet
+from hagoromo_matter.drape.sheet import Sheet
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 

@@ -3,8 +3,8 @@
 import os
 import time
 
-from hagoromo_figures.demo import beside as module
-from hagoromo_figures.demo.beside import beside
+from hagoromo_matter.demo import beside as module
+from hagoromo_matter.demo.beside import beside
 
 
 def write(path, text):

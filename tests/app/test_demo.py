@@ -21,16 +21,16 @@ from hagoromo.image.compare import compare
 from hagoromo.image.image import read_image
 from hagoromo.light.colour import srgb_from_xyz
 from hagoromo.light.spectrum import Spectrum
-from hagoromo.matter.drape.sheet import Sheet
 from hagoromo.photograph.capture import load_capture
-from hagoromo.publication.document import script_hash
 from hagoromo.reflectance.material.materials_file import read_materials
-from hagoromo_figures.demo import demo as module
-from hagoromo_figures.demo import drawn as drawing
-from hagoromo_figures.demo.demo import SIZES, demo
-from hagoromo_figures.demo.figures import people
-from hagoromo_figures.demo.samples import bench, bench_camera, true_reflectances
-from hagoromo_figures.figure import wardrobe
+from hagoromo_matter.demo import demo as module
+from hagoromo_matter.demo import drawn as drawing
+from hagoromo_matter.demo.demo import SIZES, demo
+from hagoromo_matter.demo.figures import people
+from hagoromo_matter.demo.samples import bench, bench_camera, true_reflectances
+from hagoromo_matter.drape.sheet import Sheet
+from hagoromo_matter.figure import wardrobe
+from hagoromo_page.publication.document import script_hash
 from tests.judges import intervals_hold
 
 

@@ -6,6 +6,7 @@ import os
 import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,8 @@ import pytest
 import hagoromo
 
 ROOT = Path(__file__).parents[2]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+WHEEL = PROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]["packages"]
 CITED = re.compile(r"MODEL §(\d+(?:\.\d+)?)")
 SECTION = re.compile(r"^#+ §(\d+(?:\.\d+)?) .*\{ #s([\d-]+) \}$", re.MULTILINE)
 SOURCE = re.compile(r"([A-ZÁ-Ž][\w’'-]+)(?: (?:and|&) ([A-Z][\w-]+)| et al\.?)?,? \(?((?:19|20)\d\d)\b")  # author, year
@@ -66,7 +69,7 @@ def test_citations_of_the_model_lead_to_its_sections():
             sections[number] = page.name
     cited = {
         (number, path.name)
-        for room in ("hagoromo", "hagoromo_figures", "studies", "tests", "benchmarks")
+        for room in (*WHEEL, "studies", "tests", "benchmarks")
         for path in (ROOT / room).rglob("*.py")
         for number in CITED.findall(path.read_text(encoding="utf-8"))
     }
@@ -81,7 +84,7 @@ def test_sources_of_docstrings_are_in_the_bibliography():
     known = {(name.split(",")[0], year) for names, year in authors for name in names.split(" and ")}
     cited = {
         (first, second, year)
-        for room in ("hagoromo", "hagoromo_figures", "studies")
+        for room in (*WHEEL, "studies")
         for path in (ROOT / room).rglob("*.py")
         for first, second, year in SOURCE.findall(" ".join(path.read_text(encoding="utf-8").split()))
         if first not in NO_SOURCES

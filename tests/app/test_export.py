@@ -9,9 +9,9 @@ import pytest
 
 import hagoromo as hg
 from hagoromo.app.cli import main
-from hagoromo.publication.export.lit import hemisphere, reflected, shown, white_level
-from hagoromo.publication.export.rti import hsh_basis, write_ptm
-from hagoromo.publication.surface_maps import surface_maps
+from hagoromo_formats.relightable.rti import hsh_basis, write_ptm
+from hagoromo_page.publication.lit import hemisphere, reflected, shown, white_level
+from hagoromo_page.publication.surface_maps import surface_maps
 from tests.app.published_ball import ball, radiance
 
 ALL = ("png", "tiff", "exr", "glb", "ply", "ptm", "hsh", "relight", "materialx")

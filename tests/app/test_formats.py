@@ -7,21 +7,21 @@ import pytest
 
 from docs.hooks.formats import page
 from hagoromo.app.cli import main
-from hagoromo.app.formats.find import BY_NAME, format_of
-from hagoromo.app.formats.table import FORMATS
 from hagoromo.app.info import info
 from hagoromo.camera.camera import Camera
 from hagoromo.camera.formats.camera_file import read_views, write_views
+from hagoromo.files.format import format_of, formats, function_at
 from tests.files.test_volume_files import SAMPLES
 
+PLACES = ("reader", "writer", "sniff", "facts", "as_scene", "triangles", "mesh_writer")
 VIEWS = {"a.png": Camera(40, 30, (50.0, 50.0), (20.0, 15.0)).with_pose(np.eye(4))}
 
 
 def test_every_format_has_what_its_row_names():
-    assert len(BY_NAME) == len(FORMATS)
-    for form in FORMATS:
-        assert callable(form.read), form.name
-        assert not form.writer or callable(form.write), form.name
+    assert len({form.name for form in formats()}) == len(formats())
+    for form in formats():
+        places = (getattr(form, name) for name in PLACES)
+        assert all(callable(function_at(place)) for place in places if place) and form.reader, form.name
         assert form.lost, f"{form.name}: say what is lost"
         own = form.holds in ("matter", "result") or form.name == "capture"
         assert own or form.judge, f"{form.name}: name what the tests compare with"
@@ -29,7 +29,7 @@ def test_every_format_has_what_its_row_names():
 
 def test_the_page_of_formats_has_every_format():
     text = page()
-    for form in FORMATS:
+    for form in formats():
         assert f"| {form.name} |" in text
 
 

@@ -40,8 +40,9 @@ def test_every_module_is_imported_without_a_warning():
     """Nothing that the next Python or library takes away is used, as far as importing shows it."""
     code = """
         import importlib, pkgutil
-        import hagoromo, hagoromo_figures
-        for package in (hagoromo, hagoromo_figures):
+        import hagoromo, hagoromo_formats, hagoromo_matter, hagoromo_page
+
+        for package in (hagoromo, hagoromo_formats, hagoromo_matter, hagoromo_page):
             for module in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
                 if not module.name.endswith("__main__"):
                     importlib.import_module(module.name)
@@ -64,7 +65,7 @@ def test_every_public_name_is_there(name):
 
 def test_types_and_values_of_the_public_names_come_from_the_same_places():
     for node in stub():
-        module = importlib.import_module(f"hagoromo.{node.module}")
+        module = importlib.import_module(f"hagoromo.{node.module}" if node.level else str(node.module))
         for alias in node.names:
             assert alias.asname == alias.name and getattr(hagoromo, alias.name) is getattr(module, alias.name)
 
@@ -74,7 +75,7 @@ def test_no_public_name_hides_a_room_of_the_package():
     assert not rooms & set(dir(hagoromo))
 
 
-@pytest.mark.parametrize("package", ["hagoromo", "hagoromo_figures"])
+@pytest.mark.parametrize("package", ["hagoromo", "hagoromo_formats", "hagoromo_matter", "hagoromo_page"])
 def test_the_packages_say_that_they_are_typed(package):
     assert (Path(hagoromo.__file__).parents[1] / package / "py.typed").is_file()
 

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 import hagoromo as hg
-from hagoromo.app.measure_report import write_measure_report
-from hagoromo.app.relight_page import write_relight_report
 from hagoromo.camera.unplaced import unplaced_camera
 from hagoromo.files.record import read_json
 from hagoromo.image.relight.prediction import Prediction
 from hagoromo.image.relight.relighting import Relighting
 from hagoromo.image.relight.stage import Stage
 from hagoromo.photograph.exponent import Exponent
+from hagoromo_page.report.measure_report import write_measure_report
+from hagoromo_page.report.relight_page import write_relight_report
 
 SIDE = 31
 SAID = r"linear values have 1: .*display-encoded \(sRGB\).*capture again with the other curve \(--transfer srgb\)"

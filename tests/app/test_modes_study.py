@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import hagoromo as hg
-from hagoromo_figures.demo import figures
+from hagoromo_matter.demo import figures
 from studies import modes, modes_scenes
 
 SOURCES = modes_scenes.Sources(*3 * [modes_scenes.Path("nowhere")])

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from hagoromo.app.cli import main
-from hagoromo.app.report.page import page_drawing, page_picture, page_text, page_viewer
 from hagoromo.errors import escaped, one_line
 from hagoromo.files.names import plot_label, printable
 from hagoromo.files.png import write_png
@@ -16,6 +15,7 @@ from hagoromo.light.curves_plot import curves_png
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.box import VolumeBox
+from hagoromo_page.report.page import page_drawing, page_picture, page_text, page_viewer
 
 EVIL = "</script><script>alert(1)</script>\"'><img src=x onerror=alert(1)>\n{{ 7 * 7 }}&amp;"
 CODES = "\x1b[2J\x1b]0;title\x07 \x9b31m \u202egpj.exe\r\b\x7f"

@@ -63,7 +63,7 @@ def text(name: str) -> str:
 def test_the_wheel_holds_the_packages_with_their_data_and_nothing_else(dist):
     names = {name for name in files_of(dist[0]) if ".dist-info/" not in name}
     paths = [path for package in WHEEL for path in (ROOT / package).rglob("*") if path.is_file()]
-    recipes = {f"hagoromo/matter/recipes/shipped/{path.name}" for path in (ROOT / "examples" / "recipes").iterdir()}
+    recipes = {f"hagoromo/matter/recipes/{path.name}" for path in (ROOT / "examples" / "recipes").iterdir()}
     assert names == recipes | {path.relative_to(ROOT).as_posix() for path in paths if "__pycache__" not in path.parts}
     assert {Path(name).suffix for name in names - recipes} == {
         ".py",
@@ -75,7 +75,7 @@ def test_the_wheel_holds_the_packages_with_their_data_and_nothing_else(dist):
         ".html",
         ".frag",
     }
-    assert {"hagoromo/app/report/templates/measure.html.j2", "hagoromo/__init__.pyi", "hagoromo/py.typed"} < names
+    assert {"hagoromo_page/report/templates/measure.html.j2", "hagoromo/__init__.pyi", "hagoromo/py.typed"} < names
 
 
 def test_metadata_of_the_wheel_is_that_of_the_project(dist):
@@ -88,7 +88,7 @@ def test_metadata_of_the_wheel_is_that_of_the_project(dist):
     asked = [Requirement(line) for line in record.get_all("Requires-Dist", []) if "extra ==" not in line]
     assert {canonicalize_name(r.name): r.specifier for r in asked} == {n: r.specifier for n, r in REQUIRED.items()}
     entries = files[f"{home}/entry_points.txt"].decode("utf-8")
-    assert "hagoromo = hagoromo_start:main" in entries and "figure = hagoromo_figures.recipe:KIND" in entries
+    assert "hagoromo = hagoromo_start:main" in entries and "figure = hagoromo_matter.figure.recipe:KIND" in entries
     assert f"{home}/licenses/LICENSE" in files
 
 
@@ -176,7 +176,7 @@ def test_the_wheel_runs_where_it_is_installed(dist, tmp_path):
     assert "recipe-figure" in said("schema").splitlines()  # of the wheel's own entry point
     code = textwrap.dedent("""
         import jinja2
-        for package in ("hagoromo.app.report", "hagoromo_figures.demo"):
+        for package in ("hagoromo_page.report", "hagoromo_matter.demo"):
             loader = jinja2.PackageLoader(package)
             for name in loader.list_templates():
                 print(loader.get_source(jinja2.Environment(), name)[1])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hagoromo.light.lamp import Lamp
-from hagoromo.publication.publish import publish
+from hagoromo_page.publication.publish import publish
 from tests.app.in_browser import Opened
 from tests.app.published_ball import RIDGE, ball, ridge
 

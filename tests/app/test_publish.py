@@ -13,9 +13,9 @@ from hagoromo.camera.unplaced import unplaced_camera
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.measurement.photographed import Photographed, photographed
-from hagoromo.publication import object_page
-from hagoromo.publication.planes import pack_planes, unpack_planes
-from hagoromo.publication.publish import has_scale, publish
+from hagoromo_page.publication import object_page
+from hagoromo_page.publication.planes import pack_planes, unpack_planes
+from hagoromo_page.publication.publish import has_scale, publish
 from tests.app.in_browser import Opened
 from tests.app.published_ball import RIDGE, ball, encoded, radiance, ridge
 

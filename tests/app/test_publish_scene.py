@@ -9,11 +9,11 @@ import pytest
 import hagoromo as hg
 from hagoromo.app.cli import main
 from hagoromo.image.scene import Scene
-from hagoromo.publication.export.lit import hemisphere, shown
-from hagoromo.publication.stack_basis import STORED_ERROR, packed_stack
-from hagoromo.publication.stack_lamps import directions_to_add
-from hagoromo.publication.surface_maps import FLIP
-from hagoromo.publication.weight_stack import WeightStack, box_camera, framed
+from hagoromo_page.publication.lit import hemisphere, shown
+from hagoromo_page.publication.stack_basis import STORED_ERROR, packed_stack
+from hagoromo_page.publication.stack_lamps import directions_to_add
+from hagoromo_page.publication.surface_maps import FLIP
+from hagoromo_page.publication.weight_stack import WeightStack, box_camera, framed
 from tests.app.in_browser import Opened
 
 LAMPS, SIZE, CAMERA = 12, 31, "canon_eos_300d"

@@ -8,17 +8,17 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from hagoromo.app.contact_sheet import contact_sheet
-from hagoromo.app.findings import findings, missing
-from hagoromo.app.measure_report import write_measure_report
-from hagoromo.app.relight_page import write_relight_report
-from hagoromo.app.report.page import number_columns, page_drawing, page_picture, page_text
 from hagoromo.image.compare import Comparison
 from hagoromo.image.relight.prediction import PREDICTIONS, Prediction
 from hagoromo.image.relight.relighting import Relighting
 from hagoromo.measurement.lamp_departure import LampDeparture
 from hagoromo.measurement.measure import measure
-from hagoromo.publication.document import script_hash
+from hagoromo_page.publication.document import script_hash
+from hagoromo_page.report.contact_sheet import contact_sheet
+from hagoromo_page.report.findings import findings, missing
+from hagoromo_page.report.measure_report import write_measure_report
+from hagoromo_page.report.page import number_columns, page_drawing, page_picture, page_text
+from hagoromo_page.report.relight_page import write_relight_report
 from tests.app.published_ball import ball
 from tests.inverse.simulated_ball import Truth, simulate
 

@@ -112,7 +112,7 @@ def test_an_interrupt_after_the_write_says_what_was_written(cameras, monkeypatch
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("hagoromo.app.convert_verb.wrote", interrupted)
+    monkeypatch.setattr("hagoromo_formats.convert_verb.wrote", interrupted)
     out = cameras.with_name("d.yml")
     assert main(["convert", str(cameras), "--out", str(out)]) == 130
     assert capsys.readouterr().err == f"hagoromo: interrupted: {out} was written\n" and out.exists()

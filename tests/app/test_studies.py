@@ -57,7 +57,7 @@ INSIDE = {  # modules of the package that a study takes apart, and why no public
     # the spectra that a prior is made of, so that none that is tested is among them
     "spectra_bench.py": {"reflectance.spectra.prior_spectra"},
     "spectra_cases.py": {"reflectance.spectra.prior_spectra", "reflectance.spectra.reflectance_prior"},
-    "spectra_report.py": {"reflectance.spectra.prior_spectra"},
+    "spectra_report.py": {"reflectance.spectra.prior_spectra", "files.plot"},
     "spectra_rivals.py": {"reflectance.spectra.prior_spectra"},
     # the skins that a tutorial photographs, from the pigments of the recipe
     "skin.py": {"reflectance.pigment"},
@@ -66,7 +66,7 @@ INSIDE = {  # modules of the package that a study takes apart, and why no public
     # files of the data are checked as the package checks its own
     "merl_truth.py": {"files.record"},
     # the weave that a recipe names, to draw it
-    "gallery/gallery_draft.py": {"files.record", "matter.recipes.cloth"},
+    "gallery/gallery_draft.py": {"files.record"},
     # the steps that a tolerance stands for
     "first_order.py": {"transport.frames"},
     # many tasks of one function, here or on workers, with the options of the commands: a study's own need
@@ -74,8 +74,6 @@ INSIDE = {  # modules of the package that a study takes apart, and why no public
     "near_lamps.py": {"app.scheduler_options", "cluster.mapped"},
     # workers, before and while they work
     "cluster_bench.py": {"cluster.cluster", "image.render_tiles"},
-    # the viewer itself, to be driven and photographed
-    "viewer.py": {"view.browser", "view.open_desk"},
     # kernels run on Dr.Jit's types of this machine
     "near_rig.py": {"backend"},
     "gallery/gallery_item.py": {"backend"},
@@ -83,7 +81,7 @@ INSIDE = {  # modules of the package that a study takes apart, and why no public
 
 
 def modules(path: Path) -> set[str]:
-    """The modules of `hagoromo` that a file imports, without the package's name; "" for the package itself."""
+    """The modules of the core that a file imports, without the package's name; "" for the package itself."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
     names = {alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names}
     for node in ast.walk(tree):

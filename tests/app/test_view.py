@@ -15,16 +15,16 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from hagoromo.app.view_verb import LOOPBACK
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
 from hagoromo.image import preview
 from hagoromo.image.render import render
-from hagoromo.view import gate
-from hagoromo.view.browser import Browser, field_of_view, in_window, pose_from_viser
-from hagoromo.view.photographs import LARGEST_DIFFERENCE, photographs_of, through
-from hagoromo.view.scene_files import opened
-from hagoromo.view.watcher import Desk, Watcher
+from hagoromo_page.view_verb import LOOPBACK
+from hagoromo_page.viewer import gate
+from hagoromo_page.viewer.browser import Browser, field_of_view, in_window, pose_from_viser
+from hagoromo_page.viewer.photographs import LARGEST_DIFFERENCE, photographs_of, through
+from hagoromo_page.viewer.scene_files import opened
+from hagoromo_page.viewer.watcher import Desk, Watcher
 from tests.app.started import STARTED
 from tests.ball_scene import ball_scene
 

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from PIL import Image as Picture
 
-from hagoromo.app.view_verb import LOOPBACK
 from hagoromo.image.render import render
-from hagoromo.view.browser import Browser
-from hagoromo.view.open_desk import open_desk
-from hagoromo.view.scene_files import opened
-from hagoromo.view.watcher import Desk
+from hagoromo_page.view_verb import LOOPBACK
+from hagoromo_page.viewer.browser import Browser
+from hagoromo_page.viewer.open_desk import open_desk
+from hagoromo_page.viewer.scene_files import opened
+from hagoromo_page.viewer.watcher import Desk
 from tests.ball_scene import BALL, lamp
 
 pytest.importorskip("viser", reason="viser is not installed")
@@ -152,7 +152,9 @@ def test_a_viewer_sees_the_picture_drags_a_lamp_and_leaves(look, scene, caplog):
     seen.until(lambda: seen.page.get_by_text("not done: {globalThis.ran = 1} <b>bold</b> a.toml").count())
     assert seen.page.evaluate("() => globalThis.ran") is None, "a name in a message ran as a program"
 
-    assert not [one for one in caplog.records if one.name.startswith("hagoromo.view")], "a hand's message is refused"
+    assert not [one for one in caplog.records if one.name.startswith("hagoromo_page.viewer")], (
+        "a hand's message is refused"
+    )
 
     held = weakref.ref(seen.watcher)
     assert held() is not None

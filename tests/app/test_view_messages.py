@@ -18,15 +18,15 @@ from fuzz import viewer
 from fuzz.readers import READERS
 from fuzz.viewer_session import camera_message, click_message, set_message
 from fuzz.worker import sample_of, written
-from hagoromo.app.view_verb import LOOPBACK
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
-from hagoromo.view import gate
-from hagoromo.view.browser import Browser, in_window
-from hagoromo.view.messages import KINDS, LARGEST_WINDOW
-from hagoromo.view.open_desk import open_desk
-from hagoromo.view.watcher import LONGEST_SIDE, Desk
-from hagoromo.view.wire import MOST_LINES, MOST_WAITING
+from hagoromo_page.view_verb import LOOPBACK
+from hagoromo_page.viewer import gate
+from hagoromo_page.viewer.browser import Browser, in_window
+from hagoromo_page.viewer.messages import KINDS, LARGEST_WINDOW
+from hagoromo_page.viewer.open_desk import open_desk
+from hagoromo_page.viewer.watcher import LONGEST_SIDE, Desk
+from hagoromo_page.viewer.wire import MOST_LINES, MOST_WAITING
 
 NAN = math.nan
 GIZMO = {"name": "/lamps/0", "owner": ""}

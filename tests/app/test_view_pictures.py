@@ -17,18 +17,18 @@ from hagoromo.image.settings import Settings
 from hagoromo.image.spectral_exr import SpectralPicture, write_spectral_exr
 from hagoromo.light.colour import delta_e_2000, srgb_encode
 from hagoromo.light.spectrum import Spectrum
-from hagoromo.publication.export.lit import reflected
-from hagoromo.publication.publish import page_source
 from hagoromo.reflectance.spectra.spectrum_estimate import SpectrumEstimate
-from hagoromo.view.development import metered
-from hagoromo.view.image_plate import ImagePlate
-from hagoromo.view.maps_plate import OF_NORMALS
-from hagoromo.view.open_desk import open_desk
-from hagoromo.view.photographs import as_bright
-from hagoromo.view.picture_desk import PictureDesk
-from hagoromo.view.plates import LARGEST_NOISE, NOISE_LAYER, Light
-from hagoromo.view.probe import WAVELENGTHS, plain
-from hagoromo.view.view_state import Development
+from hagoromo_page.publication.lit import reflected
+from hagoromo_page.publication.publish import page_source
+from hagoromo_page.viewer.development import metered
+from hagoromo_page.viewer.image_plate import ImagePlate
+from hagoromo_page.viewer.maps_plate import OF_NORMALS
+from hagoromo_page.viewer.open_desk import open_desk
+from hagoromo_page.viewer.photographs import as_bright
+from hagoromo_page.viewer.picture_desk import PictureDesk
+from hagoromo_page.viewer.plates import LARGEST_NOISE, NOISE_LAYER, Light
+from hagoromo_page.viewer.probe import WAVELENGTHS, plain
+from hagoromo_page.viewer.view_state import Development
 from tests.app.published_ball import ball
 from tests.ball_scene import ball_scene
 

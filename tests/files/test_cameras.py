@@ -11,13 +11,13 @@ import pytest
 from hagoromo.app.cli import main
 from hagoromo.camera.camera import Camera
 from hagoromo.camera.formats.camera_file import read_camera, read_views, write_views
-from hagoromo.camera.formats.colmap import read_points
 from hagoromo.errors import InputError
 from hagoromo.files.picture import read_picture
 from hagoromo.files.png import write_png
 from hagoromo.files.record import read_json, write_json
 from hagoromo.photograph.capture import load_capture
 from hagoromo.photograph.gather import gather
+from hagoromo_formats.cameras.colmap import read_points
 from tests.data import DATA, real_data
 
 YAML = "%YAML:1.0\n---\n"

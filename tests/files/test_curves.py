@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from hagoromo.errors import InputError
-from hagoromo.files.curves.curve_file import read_curves
+from hagoromo_formats.curves.curve_file import read_curves
 
 POINTS = np.random.default_rng(7).normal(size=(9, 3)).astype(np.float32)
 COUNTS = (2, 4, 3)

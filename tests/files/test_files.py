@@ -238,7 +238,7 @@ def test_an_exr_of_which_any_part_promises_more_than_memory_is_refused_before_al
     exr_of_window(tmp_path / "a.exr", 3, 3)
     assert read_exr(tmp_path / "a.exr")[0]["R"].shape == (4, 4)
     exr_of_window(tmp_path / "a.exr", *last)
-    with pytest.raises(InputError, match="GiB of memory"):
+    with pytest.raises(InputError, match=r"GiB of memory|too few for them"):
         read_exr(tmp_path / "a.exr")
 
 
@@ -246,7 +246,7 @@ def test_the_memory_of_a_picture_follows_its_depth_and_kind(tmp_path, monkeypatc
     image = np.zeros((100, 100, 4), np.uint16)
     write_png(tmp_path / "a.png", image)
     monkeypatch.setattr(memory, "free_memory", lambda: 2.1 * image.nbytes)  # two copies fit in nine tenths, or not
-    with pytest.raises(InputError, match="GiB of memory"):
+    with pytest.raises(InputError, match=r"GiB of memory|too few for them"):
         read_png(tmp_path / "a.png")
     monkeypatch.setattr(memory, "free_memory", lambda: 2.3 * image.nbytes)
     assert read_png(tmp_path / "a.png").shape == image.shape
@@ -262,7 +262,7 @@ def test_a_progressive_jpeg_needs_room_for_its_coefficients_too(tmp_path, monkey
         (tmp_path / name).write_bytes(encoded.tobytes())
     monkeypatch.setattr(memory, "free_memory", lambda: 9 * 100 * 100)
     assert read_jpeg(tmp_path / "a.jpg").shape == (100, 100, 3)
-    with pytest.raises(InputError, match="GiB of memory"):
+    with pytest.raises(InputError, match=r"GiB of memory|too few for them"):
         read_jpeg(tmp_path / "b.jpg")
 
 

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 import hagoromo as hg
-from hagoromo.app.formats.gltf_scene import gltf_from_scene, scene_from_gltf
-from hagoromo.app.formats.pbr import linear
 from hagoromo.backend import arrays
 from hagoromo.errors import InputError
 from hagoromo.image.scene_file import load_scene
 from hagoromo.light.colour import srgb_decode, srgb_encode
 from hagoromo.light.environment import upsampled
+from hagoromo_formats.scenes.gltf_scene import gltf_from_scene, scene_from_gltf
+from hagoromo_formats.scenes.pbr import linear
 from tests.files.test_gltf_textures import CORNERS, FACES, UV, address, gltf, parts_of
 
 CAMERA = hg.Camera(64, 48, (60, 60), (32, 24)).look_at((0.5, -4.0, 3.0), (0.5, 0.5, 0.0))

@@ -8,13 +8,13 @@ import pytest
 
 from fuzz.meshes import ARRAYS, CORNERS, TURN, gltf_record
 from hagoromo.app.cli import main
-from hagoromo.app.formats.gltf_scene import LIGHTS, gltf_from_scene, scene_from_gltf
 from hagoromo.camera.formats.camera_file import read_views
 from hagoromo.errors import InputError
 from hagoromo.files.mesh import read_mesh
 from hagoromo.image.scene_file import load_scene
 from hagoromo.light.colour import linear_colour
 from hagoromo.light.spectrum import Spectrum
+from hagoromo_formats.scenes.gltf_scene import LIGHTS, gltf_from_scene, scene_from_gltf
 from tests.ball_scene import ball_scene
 
 HALF = math.sqrt(0.5)

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 import hagoromo as hg
-from hagoromo.app.formats.gltf_scene import gltf_from_scene, scene_from_gltf
 from hagoromo.errors import InputError
 from hagoromo.image.scene_file import load_scene
 from hagoromo.light.colour import srgb_decode, srgb_encode
+from hagoromo_formats.scenes.gltf_scene import gltf_from_scene, scene_from_gltf
 
 CORNERS = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
 FACES = np.array([[0, 1, 2], [0, 2, 3]])

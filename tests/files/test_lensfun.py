@@ -7,13 +7,13 @@ import pytest
 from PIL import Image
 
 from hagoromo.app.cli import main
-from hagoromo.app.formats.convert import ConvertOptions, convert
 from hagoromo.app.info import info
 from hagoromo.camera.camera import Camera
 from hagoromo.camera.formats.camera_file import read_camera
-from hagoromo.camera.formats.lensfun import camera_by_lensfun
 from hagoromo.errors import InputError
 from hagoromo.files.exif import Exif
+from hagoromo_formats.cameras.lensfun import camera_by_lensfun
+from hagoromo_formats.convert import ConvertOptions, convert
 
 pytest.importorskip("lensfunpy", reason="lenses by name need lensfunpy")
 

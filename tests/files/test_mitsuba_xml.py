@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import hagoromo as hg
-import hagoromo.mitsuba as hm
+import hagoromo_formats.mitsuba as hm
 from hagoromo import backend
 from hagoromo.app.cli import main
 from hagoromo.backend import mitsuba
@@ -16,9 +16,9 @@ from hagoromo.errors import InputError
 from hagoromo.files.record import read_toml
 from hagoromo.image.scene_file import load_scene
 from hagoromo.light.colour import linear_colour
-from hagoromo.mitsuba.bsdfs import METALS
-from hagoromo.mitsuba.serialized import read_serialized
-from hagoromo.mitsuba.xml_tree import read_xml
+from hagoromo_formats.mitsuba.bsdfs import METALS
+from hagoromo_formats.mitsuba.serialized import read_serialized
+from hagoromo_formats.mitsuba.xml_tree import read_xml
 
 HEAD = '<scene version="3.0.0">'
 SENSOR = """<sensor type="perspective"><float name="fov" value="45"/><transform name="to_world">

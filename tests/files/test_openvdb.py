@@ -14,14 +14,14 @@ import numpy as np
 import pytest
 
 from fuzz.volumes import nvdb
-from hagoromo.app.formats.convert import ConvertOptions, convert
-from hagoromo.app.formats.volumes_out import dense_field
 from hagoromo.app.info import info
 from hagoromo.errors import InputError
-from hagoromo.files.volumes.formats import read_volume
-from hagoromo.files.volumes.openvdb_out import write_openvdb
-from hagoromo.files.volumes.sparse_lattice import SparseLattice
+from hagoromo.files.volume_file import read_volume
 from hagoromo.volume.store.box_store import load_box
+from hagoromo_formats.convert import ConvertOptions, convert
+from hagoromo_formats.volumes.openvdb_out import write_openvdb
+from hagoromo_formats.volumes.sparse_lattice import SparseLattice
+from hagoromo_formats.volumes.volumes_out import dense_field
 from tests.files.test_volume_files import a_box
 
 SAMPLES = Path(__file__).with_name("openvdb_samples.zip")

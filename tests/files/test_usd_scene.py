@@ -7,15 +7,15 @@ import pytest
 
 from fuzz.usd_scenes import SCENE
 from hagoromo.app.cli import main
-from hagoromo.app.formats.usd_out import usd_from_scene
-from hagoromo.app.formats.usd_scene import scene_from_usd
 from hagoromo.errors import InputError
-from hagoromo.files.curves.curve_file import read_curves
 from hagoromo.files.exr import write_exr
 from hagoromo.files.mesh import read_mesh
 from hagoromo.image.scene_file import load_scene
 from hagoromo.light.colour import colour_matching
 from hagoromo.light.spectrum import Spectrum, integrate_product
+from hagoromo_formats.curves.curve_file import read_curves
+from hagoromo_formats.scenes.usd_out import usd_from_scene
+from hagoromo_formats.scenes.usd_scene import scene_from_usd
 from tests.ball_scene import ball_scene
 from tests.files.blender import in_blender
 

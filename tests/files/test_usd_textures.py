@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 import hagoromo as hg
-from hagoromo.app.formats.usd_out import usd_from_scene
-from hagoromo.app.formats.usd_scene import scene_from_usd
 from hagoromo.errors import InputError
 from hagoromo.image.scene_file import load_scene
 from hagoromo.light.colour import srgb_decode
+from hagoromo_formats.scenes.usd_out import usd_from_scene
+from hagoromo_formats.scenes.usd_scene import scene_from_usd
 from tests.files.blender import in_blender
 from tests.files.test_gltf_textures import CORNERS, FACES, UV
 

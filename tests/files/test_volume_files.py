@@ -8,13 +8,13 @@ import cv2
 import numpy as np
 import pytest
 
-from hagoromo.app.formats.convert import ConvertOptions, convert
-from hagoromo.app.formats.volumes_out import dense_field
 from hagoromo.app.info import info
 from hagoromo.errors import InputError
-from hagoromo.files.volumes.formats import VOLUMES, read_volume
-from hagoromo.files.volumes.volume_file import resampled
+from hagoromo.files.format import formats_of
+from hagoromo.files.volume_file import read_volume, resampled
 from hagoromo.volume.store.box_store import load_box
+from hagoromo_formats.convert import ConvertOptions, convert
+from hagoromo_formats.volumes.volumes_out import dense_field
 
 SHAPE = (3, 4, 5)  # z, y, x: all different, so that no two axes can be exchanged
 VALUES = np.random.default_rng(7).integers(0, 200, SHAPE).astype(np.uint16)
@@ -280,4 +280,5 @@ def test_info_knows_every_volume(tmp_path):
     assert facts["voxels"] == [5, 4, 3] and facts["range"] == [VALUES.min(), VALUES.max()]
     assert facts["voxel_size"] == pytest.approx([5e-4, 7.5e-4, 2e-3])
     (tmp_path / "without_suffix").write_bytes(nrrd())
-    assert len({each.name for each in VOLUMES}) == len(VOLUMES)
+    volumes = formats_of("volume")
+    assert len({each.name for each in volumes}) == len(volumes)

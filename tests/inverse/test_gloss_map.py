@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hagoromo.app.measure_report import write_measure_report
 from hagoromo.files.exr import read_exr
 from hagoromo.measurement.gloss.gloss_map import gloss_map
 from hagoromo.measurement.gloss.gloss_spread import gloss_spread
@@ -14,6 +13,7 @@ from hagoromo.measurement.gloss.pixel_gloss import GlossLaw, PixelFit
 from hagoromo.measurement.known_shape import measure_known_shape
 from hagoromo.measurement.observations import Pixels, known_shape, observe_pixels
 from hagoromo.reflectance.material.materials_file import read_materials
+from hagoromo_page.report.measure_report import write_measure_report
 from tests.inverse.simulated_ball import FULL_WELL, Truth, simulate
 
 SIZE, N = 41, 1.5

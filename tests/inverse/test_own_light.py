@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 import hagoromo as hg
-from hagoromo.app.measure_report import write_measure_report
 from hagoromo.files.exr import read_exr
 from hagoromo.measurement.normals.normals import NormalMap, least_squares_fit
 from hagoromo.measurement.surface import own_light, solved_surface
 from hagoromo.measurement.surface.depth import Surface
 from hagoromo.measurement.surface.exchange import exchange
+from hagoromo_page.report.measure_report import write_measure_report
 from tests.inverse.simulated_bowl import FOCAL, OPENING, PIXEL, bowl
 
 ALBEDO, SIZE = np.array([0.6, 0.5, 0.4]), 23

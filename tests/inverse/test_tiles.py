@@ -118,7 +118,7 @@ def test_lobes_of_tiles_are_those_of_the_whole(waxed):
     """
     capture, normals, store, coarse = waxed
     found = tiles._with_lobes(store, coarse)
-    tile = tiles._solve_tile((store, found), 0)
+    tile = tiles._solve_tile(tiles.Known(store, found), 0)
     assert tile is not None
     views, one = solved(capture, normals, GLOSSY["waxed"])
     whole = with_lobes(capture, views, one)

@@ -11,10 +11,9 @@ from hagoromo.errors import InputError
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.matter.fill import Fineness, fill
 from hagoromo.matter.shape import SLOPES
-from hagoromo.matter.skin.skin import skin
 from hagoromo.reflectance.reflectance import Reflectance
-from hagoromo_figures.figure.body import arms, bust, feet
-from hagoromo_figures.figure.figure_skin import (
+from hagoromo_matter.figure.body import arms, bust, feet
+from hagoromo_matter.figure.figure_skin import (
     GRANULES,
     LARGEST_SLOPE,
     SKIN_FINENESS,
@@ -23,13 +22,14 @@ from hagoromo_figures.figure.figure_skin import (
     lips_of,
     shown,
 )
-from hagoromo_figures.figure.hand import FOLDED, LENGTH, OPEN, digits, frame
-from hagoromo_figures.figure.head import head
-from hagoromo_figures.figure.locks import CROWN, SCALP, fallen, head_axes
-from hagoromo_figures.figure.mannequin import arm, trunk
-from hagoromo_figures.figure.pose import PRAYER, WELCOME
-from hagoromo_figures.figure.splat import Strands, along, splat
-from hagoromo_figures.figure.tresses import CLOTHES, LOCK_HALF_WIDTH, LOCKS, hair_of
+from hagoromo_matter.figure.hand import FOLDED, LENGTH, OPEN, digits, frame
+from hagoromo_matter.figure.head import head
+from hagoromo_matter.figure.locks import CROWN, SCALP, fallen, head_axes
+from hagoromo_matter.figure.mannequin import arm, trunk
+from hagoromo_matter.figure.pose import PRAYER, WELCOME
+from hagoromo_matter.figure.splat import Strands, along, splat
+from hagoromo_matter.figure.tresses import CLOTHES, LOCK_HALF_WIDTH, LOCKS, hair_of
+from hagoromo_matter.skin.skin import skin
 
 SKIN = Reflectance(0.3, 0.2, 0.4, 1.4, Spectrum.constant(0.5), element="sphere")
 HAIR = Reflectance(0.3, 0.2, 0.15, 1.55, Spectrum.constant(0.2), element="cylinder")

@@ -7,9 +7,9 @@ import pytest
 
 from hagoromo.errors import InputError
 from hagoromo.matter.build import build
-from hagoromo.matter.cloth.draft import Draft, herringbone, jacquard, on_loom, plain, satin, twill
-from hagoromo.matter.cloth.wif import cloth_of, read_wif
-from hagoromo.matter.cloth.yarn import Yarn
+from hagoromo_matter.cloth.draft import Draft, herringbone, jacquard, on_loom, plain, satin, twill
+from hagoromo_matter.cloth.wif import cloth_of, read_wif
+from hagoromo_matter.cloth.yarn import Yarn
 
 WIF = """
 [WIF]

@@ -11,9 +11,9 @@ from trimesh.visual import TextureVisuals
 from hagoromo.backend import arrays
 from hagoromo.errors import InputError
 from hagoromo.matter.build import build
-from hagoromo.matter.drape import drape
-from hagoromo.matter.drape.mesh_chart import mesh_chart
-from hagoromo.matter.drape.uv_mesh import UvMesh, uv_mesh
+from hagoromo_matter.drape import drape
+from hagoromo_matter.drape.mesh_chart import mesh_chart
+from hagoromo_matter.drape.uv_mesh import UvMesh, uv_mesh
 
 RADIUS, HEIGHT, SEGMENTS = 8.0, 13.0, 90
 AROUND = 2.0 * np.pi * RADIUS

@@ -13,24 +13,24 @@ from scipy.spatial import KDTree
 from hagoromo.backend import arrays
 from hagoromo.errors import InputError
 from hagoromo.light.spectrum import Spectrum
-from hagoromo.matter.drape import drape
-from hagoromo.matter.drape.collider import Collider
-from hagoromo.matter.drape.contact import LARGEST_CONTACTS, NEIGHBOUR_ROWS, Contacts
-from hagoromo.matter.drape.cut import Cut
-from hagoromo.matter.drape.dressed import DEEP, dressed
-from hagoromo.matter.drape.hanging import hanging
-from hagoromo.matter.drape.settle import Fabric, Fall, settled
-from hagoromo.matter.drape.sheet import Sheet
-from hagoromo.matter.drape.sheet_chart import sheet_chart
 from hagoromo.matter.shape import capsule, rounded_box, sphere
-from hagoromo.matter.solid.solid import MeshSurface
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.box import VolumeBox
-from hagoromo_figures.figure import wardrobe
-from hagoromo_figures.figure.garment import garments
-from hagoromo_figures.figure.habit import BUST, STEP
-from hagoromo_figures.figure.mannequin import trunk
-from hagoromo_figures.figure.pose import PRAYER, WELCOME
+from hagoromo_matter.drape import drape
+from hagoromo_matter.drape.collider import Collider
+from hagoromo_matter.drape.contact import LARGEST_CONTACTS, NEIGHBOUR_ROWS, Contacts
+from hagoromo_matter.drape.cut import Cut
+from hagoromo_matter.drape.dressed import DEEP, dressed
+from hagoromo_matter.drape.hanging import hanging
+from hagoromo_matter.drape.settle import Fabric, Fall, settled
+from hagoromo_matter.drape.sheet import Sheet
+from hagoromo_matter.drape.sheet_chart import sheet_chart
+from hagoromo_matter.figure import wardrobe
+from hagoromo_matter.figure.garment import garments
+from hagoromo_matter.figure.habit import BUST, STEP
+from hagoromo_matter.figure.mannequin import trunk
+from hagoromo_matter.figure.pose import PRAYER, WELCOME
+from hagoromo_matter.solid.solid import MeshSurface
 
 BALL = (0.0, 0.0, 15.0), 15.0
 FIBRE = Reflectance(0.25, 0.3, 0.3, 1.5, Spectrum.constant(0.5), element="cylinder")
@@ -311,10 +311,10 @@ LITTERED = """
 import gc
 import numpy as np
 from hagoromo.backend import arrays, lookup
-from hagoromo.matter.drape.collider import Collider
-from hagoromo.matter.drape.contact import LARGEST_CONTACTS, NEIGHBOUR_ROWS, Contacts
-from hagoromo.matter.drape.cut import Cut
-from hagoromo.matter.drape.settle import Fabric, Fall, settled
+from hagoromo_matter.drape.collider import Collider
+from hagoromo_matter.drape.contact import LARGEST_CONTACTS, NEIGHBOUR_ROWS, Contacts
+from hagoromo_matter.drape.cut import Cut
+from hagoromo_matter.drape.settle import Fabric, Fall, settled
 
 class Ring:
     def __init__(self):

@@ -12,22 +12,22 @@ import pytest
 from hagoromo.backend import arrays
 from hagoromo.errors import InputError
 from hagoromo.light.spectrum import Spectrum
-from hagoromo.matter.feather.barb import Barbs
-from hagoromo.matter.feather.barbule import Barbules
-from hagoromo.matter.feather.down import Down
-from hagoromo.matter.feather.feather import feather, vane_patch
-from hagoromo.matter.feather.kinds import FEATHERS
-from hagoromo.matter.feather.marking import Marking
-from hagoromo.matter.feather.plume import Plume, flat_spot, spot_on
-from hagoromo.matter.feather.rod import film, rod
-from hagoromo.matter.feather.vane import Feather, feather_at, vane_thickness, web_at
-from hagoromo.matter.feather.wing import Wing, wing_of
-from hagoromo.matter.feather.wing_bones import ARM, ground
-from hagoromo.matter.feather.wing_grid import cell_at, places_on
-from hagoromo.matter.feather.wing_rows import FEATHER_FIELDS, feathers
 from hagoromo.matter.fill import Fineness
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.box import VolumeBox
+from hagoromo_matter.feather.barb import Barbs
+from hagoromo_matter.feather.barbule import Barbules
+from hagoromo_matter.feather.down import Down
+from hagoromo_matter.feather.feather import feather, vane_patch
+from hagoromo_matter.feather.kinds import FEATHERS
+from hagoromo_matter.feather.marking import Marking
+from hagoromo_matter.feather.plume import Plume, flat_spot, spot_on
+from hagoromo_matter.feather.rod import film, rod
+from hagoromo_matter.feather.vane import Feather, feather_at, vane_thickness, web_at
+from hagoromo_matter.feather.wing import Wing, wing_of
+from hagoromo_matter.feather.wing_bones import ARM, ground
+from hagoromo_matter.feather.wing_grid import cell_at, places_on
+from hagoromo_matter.feather.wing_rows import FEATHER_FIELDS, feathers
 
 GREY = Reflectance(0.2, 0.1, 0.2, 1.5, Spectrum.constant(0.8), element="cylinder")
 WHOLE = Feather(barbs=Barbs(splits_per_cm=0.0, ragged_mm=0.0, waver=0.0))  # a vane without faults

@@ -10,9 +10,9 @@ from hagoromo.files.exr import write_exr
 from hagoromo.files.png import write_png
 from hagoromo.image.render import render
 from hagoromo.light.spectrum import smooth_rgb_basis
-from hagoromo.matter.solid.gloss_classes import CLASSES, gloss_classes
-from hagoromo.matter.solid.measured_relief import read_relief, surface_reflectances
-from hagoromo.matter.solid.relief import relief_plan
+from hagoromo.matter.relief.gloss_classes import CLASSES, gloss_classes
+from hagoromo.matter.relief.measured_relief import read_relief, surface_reflectances
+from hagoromo.matter.relief.relief import relief_plan
 from hagoromo.photograph.points_file import write_points
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
 from hagoromo.reflectance.material.materials_file import write_materials

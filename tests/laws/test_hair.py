@@ -5,10 +5,10 @@ import pytest
 
 from hagoromo.errors import InputError
 from hagoromo.matter.build import build
-from hagoromo.matter.hair.fibres import Curves, one_fibre
-from hagoromo.matter.hair.growth import Growth, grown
-from hagoromo.matter.recipes.hair import opaque_path
 from hagoromo.matter.shape import sphere
+from hagoromo_matter.hair.fibres import Curves, one_fibre
+from hagoromo_matter.hair.growth import Growth, grown
+from hagoromo_matter.recipes.hair import opaque_path
 
 HAIR = {"alpha": 0.1, "beta": 0.3, "gamma": 0.15, "n": 1.55, "body_colour": 0.2, "transmission": 0.4, "clearness": 0.8}
 BALL = {"form": "sphere", "radius_mm": 20.0}

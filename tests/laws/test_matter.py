@@ -10,7 +10,6 @@ import pytest
 from hagoromo.backend import arrays
 from hagoromo.errors import InputError
 from hagoromo.matter.build import build
-from hagoromo.matter.noise import cellular_noise, gradient_noise, random, value_noise
 from hagoromo.matter.shape import (
     capsule,
     displaced,
@@ -25,6 +24,7 @@ from hagoromo.matter.shape import (
     sphere,
 )
 from hagoromo.volume.box import VolumeBox
+from hagoromo_matter.noise import cellular_noise, gradient_noise, random, value_noise
 from tests.judges import sampler_follows_density
 
 MATERIAL = {"alpha": 0.2, "beta": 0.1, "gamma": 0.2, "n": 1.5, "body_colour": 0.8}

@@ -17,7 +17,7 @@ from hagoromo.image.simulate import visible_shape
 from hagoromo.image.surface import Surface
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
-from hagoromo.matter.solid.relief import Relief, relief_plan
+from hagoromo.matter.relief.relief import Relief, relief_plan
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.store.field_blocks import FieldBlocks
 from hagoromo.volume.store.plan import BoxPlan

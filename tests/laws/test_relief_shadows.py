@@ -10,7 +10,7 @@ from hagoromo.image.scene import Scene
 from hagoromo.image.settings import Settings
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
-from hagoromo.matter.solid.relief import Relief, relief_plan
+from hagoromo.matter.relief.relief import Relief, relief_plan
 from hagoromo.reflectance.reflectance import Reflectance
 
 MATT = Reflectance(0.2, 0.0, 0.3, 1.5, Spectrum.constant(1.0))

@@ -17,11 +17,11 @@ from hagoromo.light.spectrum import Spectrum
 from hagoromo.matter.build import build
 from hagoromo.matter.fill import Fineness
 from hagoromo.matter.shape import plane, sphere
-from hagoromo.matter.skin.skin import Flush, Granules, check_granules, skin, skin_on, skin_patch
-from hagoromo.matter.skin.skin_lines import Lines, furrows, pores, primary, secondary
 from hagoromo.reflectance.pigment import Pigment, skin_colour
 from hagoromo.reflectance.reflectance import Reflectance, reflectance_from_record
 from hagoromo.volume.box import VolumeBox
+from hagoromo_matter.skin.skin import Flush, Granules, check_granules, skin, skin_on, skin_patch
+from hagoromo_matter.skin.skin_lines import Lines, furrows, pores, primary, secondary
 from tests.data import DATA, real_data
 
 NIST = "nist_skin/nist_skin_70_subjects_250_1000nm.csv"

@@ -13,8 +13,8 @@ from hagoromo.backend import arrays
 from hagoromo.errors import InputError
 from hagoromo.matter.build import build
 from hagoromo.matter.shape import distance_and_normal
-from hagoromo.matter.solid.solid import MeshSurface
 from hagoromo.volume.box import VolumeBox
+from hagoromo_matter.solid.solid import MeshSurface
 from tests.data import DATA, real_data
 
 LUCY = DATA / "meshes_volumes" / "lucy.ply"

@@ -19,15 +19,15 @@ from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.matter.fill import Fineness, fill
 from hagoromo.matter.shape import coverage
-from hagoromo.matter.texel.micro_structure import texel
-from hagoromo.matter.texel.shell import Chart, shell
-from hagoromo.matter.texel.texel_match import Rays, light_sent, matched
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.transport.march import optical_depth
 from hagoromo.transport.medium import Medium
 from hagoromo.volume.box import Extinction
 from hagoromo.volume.store.box_store import load_box, look_at_box, save_box
 from hagoromo.volume.texel import OLD_NUMBERS, Texel, table_directions
+from hagoromo_matter.texel.micro_structure import texel
+from hagoromo_matter.texel.shell import Chart, shell
+from hagoromo_matter.texel.texel_match import Rays, light_sent, matched
 
 WHITE = Spectrum.constant(1.0)
 MATTER = Reflectance(0.2, 0.2, 0.3, 1.5, WHITE, element="cylinder")

@@ -14,13 +14,13 @@ from hagoromo.light.colour import srgb_decode
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.reflectance import Reflectance
-from hagoromo.view.controls import Choice, Colour, Place, Slider, body_of_rgb, controls, rgb_of_body
-from hagoromo.view.development import shoulder
-from hagoromo.view.layers import MATERIAL_COLOURS, light_layer, matter_pictures, shadow_pictures
-from hagoromo.view.probe import WAVELENGTHS, probe
-from hagoromo.view.scene_files import opened
-from hagoromo.view.view_state import Development
 from hagoromo.volume.box import VolumeBox
+from hagoromo_page.viewer.controls import Choice, Colour, Place, Slider, body_of_rgb, controls, rgb_of_body
+from hagoromo_page.viewer.development import shoulder
+from hagoromo_page.viewer.layers import MATERIAL_COLOURS, light_layer, matter_pictures, shadow_pictures
+from hagoromo_page.viewer.probe import WAVELENGTHS, probe
+from hagoromo_page.viewer.scene_files import opened
+from hagoromo_page.viewer.view_state import Development
 from tests.ball_scene import ball_scene
 
 CAMERA = Camera(13, 11, (90.0, 90.0), (6.5, 5.5)).look_at((0.0, -1.0, 0.0), (0, 0, 0))

@@ -12,13 +12,13 @@ from hagoromo.image.scene import Scene
 from hagoromo.image.settings import Settings
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
-from hagoromo.matter.cloth.draft import plain, satin, twill
-from hagoromo.matter.cloth.fabric import Fabric, knitted, woven
-from hagoromo.matter.cloth.knit import JERSEY, Knitted, loop_of
-from hagoromo.matter.cloth.weave import LINEN, SILK, WOOL, Woven
-from hagoromo.matter.cloth.yarn import Yarn, check_yarn
 from hagoromo.matter.fill import Fineness, fill
 from hagoromo.reflectance.reflectance import Reflectance
+from hagoromo_matter.cloth.draft import plain, satin, twill
+from hagoromo_matter.cloth.fabric import Fabric, knitted, woven
+from hagoromo_matter.cloth.knit import JERSEY, Knitted, loop_of
+from hagoromo_matter.cloth.weave import LINEN, SILK, WOOL, Woven
+from hagoromo_matter.cloth.yarn import Yarn, check_yarn
 
 BARE = {"hairs_per_cm": 0.0, "slubs_per_cm": 0.0}
 SINGLE = Yarn(0.34, 1.2, 1, 5.0, "Z", 0.0, 150, 18.0, **BARE)

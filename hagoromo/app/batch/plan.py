@@ -20,8 +20,8 @@ from hagoromo.app.written import Written
 from hagoromo.errors import InputError, described
 from hagoromo.files.checks import inside
 from hagoromo.files.content import named_by
+from hagoromo.files.format import file_and_part
 from hagoromo.files.stores import address
-from hagoromo.files.volumes.arrays import file_and_dataset
 
 PLACEHOLDER = re.compile(r"\{(\w*)\}")
 
@@ -162,7 +162,7 @@ class _Reads:
             self.inputs.append(Input(text, Path(text)))
             return None
         made, path = self.plan.made, self.plan.within(text).absolute()
-        named, dataset = file_and_dataset(text)
+        named, dataset = file_and_part(text)
         file = self.plan.within(named).absolute() if dataset else path
         try:
             there = file.exists() if folders else file.is_file()

@@ -25,7 +25,7 @@ from hagoromo.least_squares.fit_status import FitStatus
 
 FEWEST_FOR_TRANSFER = 20  # readings
 # Half a 95 % interval in standard deviations: 1.96 for a known prior, more as its parameters are fitted. Chosen by
-# leaving out each of 28 cameras (`make response`).
+# leaving out each of 28 cameras (`python -m studies response`).
 HALF_INTERVAL = 2.2
 Array = NDArray[np.float64]
 

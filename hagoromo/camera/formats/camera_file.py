@@ -1,40 +1,23 @@
-"""Files of cameras in any known format, recognised by name and keys: image file → camera."""
+"""Files of cameras in any format of the table of formats: image file → camera."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import numpy as np
 
 from hagoromo.camera.camera import Camera
-from hagoromo.camera.formats.colmap import read_colmap, write_colmap
-from hagoromo.camera.formats.middlebury import read_middlebury, write_middlebury
-from hagoromo.camera.formats.nerfstudio import read_transforms, write_transforms
-from hagoromo.camera.formats.opencv_file import MATRIX, only_lens, read_opencv, write_opencv
+from hagoromo.camera.formats.nerfstudio import read_transforms
 from hagoromo.camera.lens import COEFFICIENTS
 from hagoromo.errors import InputError
 from hagoromo.files.checks import existing_file, inside
+from hagoromo.files.format import Format, formats_of
 from hagoromo.files.record import Count, ForeignRecord, WrittenBy, about, decode, read_json
 from hagoromo.files.whole import whole_file, whole_folder
 
-Format = Literal["opencv", "colmap", "colmap-text", "nerfstudio", "middlebury"]
-BY_SUFFIX: dict[str, Format] = {
-    "": "colmap",
-    ".yml": "opencv",
-    ".yaml": "opencv",
-    ".json": "nerfstudio",
-    ".txt": "middlebury",
-}
-
-
-NERFSTUDIO, OPENCV, COLMAP = "nerfstudio, instant-ngp, NeRF", "OpenCV YAML or JSON", "COLMAP"
-MIDDLEBURY = "Middlebury _par.txt"
 TRANSFORMS = ("transforms.json", "transforms_train.json")
-START = 4096  # bytes of a file that tell its format
-COUNT_LINE = re.compile(rb"\d+[ \t]*\r?(\n|$)")  # how Middlebury's files begin
 
 
 class CameraRecord(ForeignRecord, frozen=True, kw_only=True):
@@ -73,56 +56,50 @@ def read_views(path: str | Path, size: tuple[int, int] | None = None) -> dict[st
     damaged one.
     """
     path = Path(path)
-    if path.is_dir():
-        transforms = transforms_in(path)
-        return read_colmap(path) if transforms is None else read_transforms(transforms)
-    kind = cameras_within(path)
-    if kind == COLMAP:
-        return read_colmap(path.parent)
-    if kind == MIDDLEBURY:
-        return read_middlebury(path, size)
-    if kind == OPENCV:
-        return read_opencv(path, size)
-    if kind == NERFSTUDIO:
-        return read_transforms(path)
+    form = format_of_cameras(path if path.is_dir() else existing_file(path))
+    if form is not None:
+        return form.read(path, size)
     if path.suffix.lower() == ".json":
         return {"": _calibrated(path)}
+    if path.is_dir():
+        raise InputError(f"{path} holds no cameras: give a folder with transforms.json, or a COLMAP model")
     raise InputError(
         f"{path} is no file of cameras: give .json, .yml, a _par.txt (the number of images, then a line of 22 words "
         f"each) or a folder of COLMAP's"
     )
 
 
+def format_of_cameras(path: Path) -> Format | None:
+    """The format of cameras that the file or folder at `path` has; None where it is none."""
+    known = (form for form in formats_of("cameras") if form.key and form.sniff)
+    return next((form for form in known if form.is_sniffed(path)), None)
+
+
+def read_transforms_or_folder(path: str | Path, size: tuple[int, int] | None = None) -> dict[str, Camera]:
+    """The views in nerfstudio's list, or in the folder that has it; size: is not used, the file holds it."""
+    path = Path(path)
+    return read_transforms((transforms_in(path) or path) if path.is_dir() else path)
+
+
+def has_transforms(path: Path) -> bool:
+    """Whether a folder has nerfstudio's list of views, or a file is one."""
+    if path.is_dir():
+        return transforms_in(path) is not None
+    if path.suffix.lower() not in ("", ".json") or not begins(path, b"{"):
+        return False
+    record = read_json(path)
+    return isinstance(record, dict) and "frames" in record
+
+
+def begins(path: Path, start: bytes) -> bool:
+    """Whether a file begins so, after white space."""
+    with path.open("rb") as file:
+        return file.read(4096).lstrip().startswith(start)
+
+
 def transforms_in(folder: Path) -> Path | None:
     """The list of views of nerfstudio in a folder, or that for training where NeRF's are split; None without both."""
     return next((file for name in TRANSFORMS if (file := inside(folder, name)).is_file()), None)
-
-
-def cameras_within(path: str | Path) -> str:
-    """The format of a file of cameras, as the table of formats names it; "" where it is none.
-
-    A file whose suffix may mean anything (.txt, .json, none) is known by what it holds.
-    """
-    path = existing_file(path)
-    suffix = path.suffix.lower()
-    if suffix in (".bin", ".txt") and path.stem in ("cameras", "images", "points3D"):
-        return COLMAP
-    if suffix in (".yml", ".yaml"):
-        return OPENCV
-    if suffix not in ("", ".json", ".txt"):
-        return ""
-    with path.open("rb") as file:
-        start = file.read(START).lstrip()
-    if suffix != ".json" and COUNT_LINE.match(start):
-        return MIDDLEBURY
-    if suffix != ".json" and start.startswith(b"%YAML"):
-        return OPENCV
-    if suffix == ".txt" or not start.startswith(b"{"):
-        return ""
-    record = read_json(path)
-    if isinstance(record, dict) and any(key in record for key in MATRIX):
-        return OPENCV
-    return NERFSTUDIO if isinstance(record, dict) and "frames" in record else ""
 
 
 def read_camera(path: str | Path) -> Camera:
@@ -134,25 +111,33 @@ def read_camera(path: str | Path) -> Camera:
     return Camera(lens.width, lens.height, lens.focal, lens.principal, lens.distortion, name=Path(path).stem)
 
 
-def write_views(path: str | Path, views: Mapping[str, Camera], kind: Format | None = None, force: bool = False) -> None:
+def write_views(path: str | Path, views: Mapping[str, Camera], kind: str | None = None, force: bool = False) -> None:
     """Write views (name of the image → camera) in another program's format, whole or not at all.
 
-    path: file, or folder for COLMAP. kind: the format; None takes that of the suffix (`BY_SUFFIX`; no suffix is a
-    folder of COLMAP's). force: replace what is there. `InputError` where it exists, or where the format cannot hold
-    the lens.
+    path: file, or folder for COLMAP. kind: the format, as `convert --to` calls it; None takes that of the suffix (no
+    suffix is a folder of COLMAP's). force: replace what is there. `InputError` where it exists, or where the format
+    cannot hold the lens.
     """
-    kind = kind or BY_SUFFIX.get(Path(path).suffix.lower())
-    if kind is None:
+    known = [form for form in formats_of("cameras") if form.key and form.writer]
+    suffix = Path(path).suffix.lower()
+    form = next((form for form in known if (form.key == kind if kind else suffix in form.suffixes)), None)
+    if form is None:
+        names = dict.fromkeys(each for form in known for each in form.suffixes if each)
         raise InputError(
-            f"{path} has no suffix of a format of cameras: give one of {', '.join(filter(None, BY_SUFFIX))}"
+            f"{path} has no suffix of a format of cameras: give one of {', '.join(names)}"
+            if kind is None
+            else f"{kind!r} is no format of cameras: give one of {', '.join(form.key for form in known)}"
         )
-    if kind in ("colmap", "colmap-text"):
-        with whole_folder(path, force) as folder:
-            write_colmap(folder, views, text=kind == "colmap-text")
-        return
-    write = {"opencv": write_opencv, "nerfstudio": write_transforms, "middlebury": write_middlebury}[kind]
-    with whole_file(path, force) as partial:
-        write(partial, views)
+    with (whole_folder if form.folder else whole_file)(path, force) as partial:
+        form.write(partial, views)
+
+
+def only_lens(views: Mapping[str, Camera], what: str) -> Camera:
+    """The camera, at the world's origin, that all views share; `InputError` when they differ or there is none."""
+    lenses = {(c.width, c.height, c.focal, c.principal, c.distortion): c for c in views.values()}
+    if len(lenses) != 1:
+        raise InputError(f"{what} holds one lens and there are {len(lenses)}: give the views of one camera")
+    return next(iter(lenses.values())).with_pose(np.eye(4))
 
 
 def _calibrated(path: Path) -> Camera:

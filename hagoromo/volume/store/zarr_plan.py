@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
 from hagoromo.files.stores import address
-from hagoromo.files.volumes.formats import read_volume
-from hagoromo.files.volumes.volume_file import SAME_EDGE, resampled
+from hagoromo.files.volume_file import SAME_EDGE, read_volume, resampled
 from hagoromo.files.zarr_arrays import ZarrArray, open_array
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.box import VolumeBox

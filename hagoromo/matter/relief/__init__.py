@@ -1,0 +1,1 @@
+"""Relief: the volume boxes of a measured surface."""

@@ -1,0 +1,1 @@
+"""Cameras of other programs: OpenCV, COLMAP, Middlebury, lensfun."""

@@ -1,0 +1,1 @@
+"""Meshes that trimesh does not read: Alembic and VTK."""

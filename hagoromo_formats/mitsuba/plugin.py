@@ -1,0 +1,217 @@
+"""Plugin: the BSDF `hagoromo` of Mitsuba 3: the dichromatic Torrance–Sparrow reflectance with its importance sampling.
+
+    <bsdf type="hagoromo">
+        <string name="file" value="materials.json"/> <string name="material" value="silk"/>
+    </bsdf>
+
+or by its parameters alpha, beta, gamma, n (and nu, epsilon, sigma, lobes) as numbers, of which beta and gamma may be
+raw textures; body_colour and interface_colour as spectra or textures. Mitsuba's `wi` is the direction to the eye, `wo`
+that to the lamp, and its value is the radiance for a unit irradiance that faces the lamp, cosine included: the weights
+of `torrance_sparrow`. Surfaces reflect alike on both sides.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from hagoromo.errors import InputError
+from hagoromo.reflectance.body import body_factor
+from hagoromo.reflectance.facets import GAUSSIAN
+from hagoromo.reflectance.material.material_table import reflectance_from_table
+from hagoromo.reflectance.reflectance import LARGEST_GAMMA, SMALLEST_GAMMA, Reflectance
+from hagoromo.reflectance.sampling import density_to_lamp, sample_to_lamp
+from hagoromo.reflectance.torrance_sparrow import Weights, torrance_sparrow
+from hagoromo.transport.path.scatter import lobe_shares
+from hagoromo_formats.mitsuba.bsdf import NAME, NUMBERS, numbers_of
+from hagoromo_formats.mitsuba.colours import colour_of, variant
+
+COLOURS = ("body_colour", "interface_colour")
+PLACED = ("beta", "gamma")  # numbers that may be textures
+SHAPE = ("nu", "epsilon", "sigma")
+
+
+def register() -> None:
+    """Let Mitsuba know the BSDF `hagoromo` in the variant that it has, or in the package's own where it has none.
+
+    To be called once after every `mitsuba.set_variant`. `InputError` for scalar and polarised variants.
+    """
+    mi, _ = variant()
+    _registered(mi.variant())
+
+
+@cache
+def _registered(name: str) -> None:
+    import mitsuba as mi
+
+    mi.register_bsdf(NAME, lambda props: _kind(name)(props))
+
+
+@cache
+def _kind(name: str) -> Any:
+    """The class of the plugin, whose parent and types are those of the variant `name`."""
+    import mitsuba as mi
+
+    flags = mi.BSDFFlags
+    sides = flags.FrontSide | flags.BackSide
+
+    class Dichromatic(mi.BSDF):  # type: ignore[misc]
+        def __init__(self, props: Any) -> None:
+            mi.BSDF.__init__(self, props)
+            given = {key: props.get_unbounded_texture(key) for key in COLOURS if key in props}
+            self.placed = {key: props.get_unbounded_texture(key) for key in PLACED if _is_texture(props, key)}
+            made = _reflectance(props, {key: _largest(texture) for key, texture in (given | self.placed).items()})
+            self.colours = [given.get(key) or mi.load_dict(colour_of(getattr(made, key))) for key in COLOURS]
+            self.numbers = {key: mi.Float(getattr(made, key)) for key in NUMBERS}
+            self.law = None if made.has_lambert_body else (mi.Float(made.epsilon), mi.Float(made.sigma))
+            self.nu = GAUSSIAN if made.nu == GAUSSIAN else mi.Float(made.nu)
+            self.lobes = [tuple(mi.Float(x) for x in lobe) for lobe in made.lobes]
+            self.shares = [mi.Float(share) for share in lobe_shares(made)]
+            dr.make_opaque(self.numbers, self.law, self.lobes, self.shares)
+            self.m_components = [flags.DiffuseReflection | sides, flags.GlossyReflection | sides]
+            self.m_flags = self.m_components[0] | self.m_components[1]
+
+        def traverse(self, cb: Any) -> None:
+            for key in self.numbers:
+                cb.put(key, self.placed.get(key, self.numbers[key]), mi.ParamFlags.Differentiable)
+            for key, texture in zip(COLOURS, self.colours, strict=True):
+                cb.put(key, texture, mi.ParamFlags.Differentiable)
+
+        def sample(self, ctx: Any, si: Any, sample1: Any, sample2: Any, active: Any = True) -> tuple[Any, Any]:
+            view, sign = _seen(si.wi)
+            shares = self._shares(ctx)
+            gammas = [self._gamma(si, active), *(gamma for _, gamma in self.lobes)]
+            share, gamma, nu = shares[0], gammas[0], self.nu
+            for more, other in zip(shares[1:], gammas[1:], strict=True):
+                beyond = sample1 >= share
+                gamma, share = dr.select(beyond, other, gamma), share + more
+                nu = GAUSSIAN if self.nu is GAUSSIAN else dr.select(beyond, dr.inf, nu)
+            to_lamp = mi.Vector3f(sample_to_lamp(view, share, gamma, sample1, sample2.x, sample2.y, nu))
+            drawn = mi.BSDFSample3f()
+            drawn.wo = mi.Vector3f(to_lamp.x, to_lamp.y, to_lamp.z * sign)
+            value, drawn.pdf = self.eval_pdf(ctx, si, drawn.wo, active)
+            drawn.eta = 1.0
+            drawn.sampled_component = dr.select(sample1 < share, mi.UInt32(1), mi.UInt32(0))
+            glossy, diffuse = (mi.UInt32(int(f)) for f in (flags.GlossyReflection, flags.DiffuseReflection))
+            drawn.sampled_type = dr.select(sample1 < share, glossy, diffuse)
+            good = active & (drawn.pdf > 0.0) & (to_lamp.z > 0.0)
+            return drawn, dr.select(good, value / drawn.pdf, 0.0)
+
+        def eval(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
+            return self.eval_pdf(ctx, si, wo, active)[0]
+
+        def pdf(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
+            return self.eval_pdf(ctx, si, wo, active)[1]
+
+        def eval_pdf(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> tuple[Any, Any]:
+            view, sign = _seen(si.wi)
+            to_lamp = mi.Vector3f(wo.x, wo.y, wo.z * sign)
+            good = active & (view.z > 0.0) & (to_lamp.z > 0.0)
+            gamma, beta = self._gamma(si, active), self._beta(si, active)
+            weights = self._weights(to_lamp, view, beta, gamma)
+            value = mi.UnpolarizedSpectrum(0.0)
+            for number, kind in enumerate((flags.DiffuseReflection, flags.GlossyReflection)):
+                if ctx.is_enabled(kind, number):
+                    value += self.colours[number].eval(si, active) * weights[number]
+            return dr.select(good, value, 0.0), dr.select(good, self._density(ctx, to_lamp, view, gamma), 0.0)
+
+        def eval_diffuse_reflectance(self, si: Any, active: Any = True) -> Any:
+            return self.colours[0].eval(si, active) * self.numbers["alpha"] * dr.pi
+
+        def _shares(self, ctx: Any) -> list[Any]:
+            """Of the samples, for every lobe of the interface; the rest is for the body."""
+            has_body = ctx.is_enabled(flags.DiffuseReflection, 0)
+            if not ctx.is_enabled(flags.GlossyReflection, 1):
+                return [mi.Float(0.0) for _ in self.shares]
+            whole = mi.Float(1.0) if has_body else dr.fmax(sum(self.shares, mi.Float(0.0)), 1e-6)
+            return [share / whole for share in self.shares]
+
+        def _beta(self, si: Any, active: Any) -> Any:
+            placed = self.placed.get("beta")
+            return self.numbers["beta"] if placed is None else dr.maximum(placed.eval_1(si, active), 0.0)
+
+        def _gamma(self, si: Any, active: Any) -> Any:
+            placed = self.placed.get("gamma")
+            if placed is None:
+                return self.numbers["gamma"]
+            return dr.clip(placed.eval_1(si, active), SMALLEST_GAMMA, LARGEST_GAMMA)
+
+        def _density(self, ctx: Any, to_lamp: Any, view: Any, first: Any) -> Any:
+            shares = self._shares(ctx)
+            gammas = [first, *(gamma for _, gamma in self.lobes)]
+            left = mi.Float(1.0) - sum(shares, mi.Float(0.0))
+            density = dr.fmax(left, 0.0) * dr.fmax(to_lamp.z, 0.0) / dr.pi
+            for number, (share, gamma) in enumerate(zip(shares, gammas, strict=True)):
+                nu = GAUSSIAN if number else self.nu
+                density += share * density_to_lamp(to_lamp, view, 1.0, gamma, nu)
+            return density
+
+        def _weights(self, to_lamp: Any, view: Any, beta: Any, gamma: Any) -> Weights:
+            alpha, n = self.numbers["alpha"], self.numbers["n"]
+            normal = mi.Vector3f(0, 0, 1)
+            body, interface = torrance_sparrow(normal, to_lamp, view, alpha, beta, gamma, n, self.nu)
+            for more, width in self.lobes:
+                interface = interface + torrance_sparrow(normal, to_lamp, view, alpha, more, width, n).interface
+            if self.law is not None:
+                body = body * body_factor(to_lamp.z, view.z, dr.dot(to_lamp, view), *self.law)
+            return Weights(body, interface)
+
+        def to_string(self) -> str:
+            return "Hagoromo[" + ", ".join(f"{key} = {value}" for key, value in self.numbers.items()) + "]"
+
+    def _seen(wi: Any) -> tuple[Any, Any]:
+        """The direction to the eye on the side that it sees, and the sign of that side."""
+        sign = dr.select(wi.z < 0.0, mi.Float(-1.0), mi.Float(1.0))
+        return mi.Vector3f(wi.x, wi.y, wi.z * sign), sign
+
+    return Dichromatic
+
+
+def _is_texture(props: Any, key: str) -> bool:
+    return key in props and not isinstance(props.get(key), (int, float))
+
+
+def _reflectance(props: Any, largest: dict[str, float]) -> Reflectance:
+    """The reflectance that the properties of the plugin state. largest: values of those that are textures."""
+    where = f"bsdf {NAME!r} {props.id()!r}" if props.id() else f"bsdf {NAME!r}"
+    if "file" in props:
+        texts = {key: str(props.get(key)) for key in ("file", "material", "response", "lamp") if key in props}
+        made = reflectance_from_table(texts | {"file": _resolved(texts["file"])}, None, where)
+    else:
+        stated = {key: float(props.get(key)) for key in (*NUMBERS, *SHAPE) if key in props and key not in largest}
+        record = {**stated, "lobes": _lobes(str(props.get("lobes", "")), where), "body_colour": 1.0, **largest}
+        made = reflectance_from_table(record, None, where)
+    numbers_of(made)  # refuses what is no surface
+    return made
+
+
+def _resolved(name: str) -> str:
+    import mitsuba as mi
+
+    library: Any = mi
+    return str(library.file_resolver().resolve(name))
+
+
+def _lobes(text: str, where: str) -> list[list[float]]:
+    """Pairs of β and γ, as '0.5 0.02, 0.1 0.3'."""
+    try:
+        return [[float(x) for x in pair.split()] for pair in text.split(",") if pair.strip()]
+    except ValueError as error:
+        raise InputError(f"{where}: lobes is {text!r}: give pairs of beta and gamma as '0.5 0.02, 0.1 0.3'") from error
+
+
+def _largest(texture: Any) -> float:
+    """The largest value of a texture; of attributes of a mesh their scale, 1 of those that do not say it."""
+    import mitsuba as mi
+
+    try:
+        return float(np.max(np.array(texture.max())))
+    except RuntimeError:  # bitmaps and attributes of meshes have no largest value of their own
+        pass
+    keys: Any = mi.traverse(texture)
+    if "data" in keys:
+        return float(np.max(np.array(keys["data"])))
+    return float(keys["scale"]) if "scale" in keys else 1.0

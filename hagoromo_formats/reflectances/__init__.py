@@ -1,0 +1,1 @@
+"""Measured reflectances of other programs: tables of a BRDF that a material is fitted to."""

@@ -1,0 +1,160 @@
+"""Export: a measured object → the files of other programs, with a record of what each of them loses."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hagoromo.errors import InputError
+from hagoromo.files.exr import write_exr
+from hagoromo.files.png import write_png
+from hagoromo.files.record import write_json, written_by
+from hagoromo.files.table import write_table
+from hagoromo.files.whole import whole_folder
+from hagoromo.measurement.measurement import Measurement
+from hagoromo.photograph.capture import Capture, load_capture
+from hagoromo.progress import Progress, silent
+from hagoromo_formats.relightable.materialx import LOSS, write_materialx
+from hagoromo_formats.relightable.mesh import albedo_map, points, roughness, write_mesh
+from hagoromo_formats.relightable.rti import BASES, WRITERS, fitted
+from hagoromo_page.publication.lit import Array, hemisphere, reflected, shown, white_level
+from hagoromo_page.publication.publish import page_source
+from hagoromo_page.publication.surface_maps import SurfaceMaps
+
+LAMPS, TESTED = 60, 12  # directions that relightable formats are fitted to, and tested with
+FULL = 65535.0
+PLANES = ("png", "tiff", "exr")
+FORMATS = (*PLANES, "glb", "ply", *WRITERS, "csv", "materialx")
+LOST = {
+    "png": "normals, albedo, roughness and depth in 65535 steps; spectra, tails of facets and uncertainty are lost",
+    "tiff": "as png",
+    "exr": "nothing of normals, albedo and depth but single precision; spectra and uncertainty are not in it",
+    "glb": "one roughness for the whole object; no interface colour, no tails; steep steps of depth are holes",
+    "ply": "colours of 8 bits per vertex and no gloss; steep steps of depth are holes",
+    "csv": "the covariance of the spectra",
+    "materialx": LOSS,
+}
+
+
+def export(
+    measured: Measurement | str | Path,
+    formats: Sequence[str],
+    out: str | Path,
+    *,
+    capture: Capture | str | Path | None = None,
+    force: bool = False,
+    progress: Progress = silent,
+) -> dict[str, Any]:
+    """Write a measured object to the folder `out` in `formats`, of `FORMATS`; returns the record of export.json.
+
+    measured: a `Measurement`, or its folder. capture: that was measured, where the measurement is of version 0.2.
+    Relightable formats are fitted to pictures of the object by its own reflectance under `LAMPS` far white lamps,
+    without cast shadows; their error against `TESTED` others is in the record: root mean square, of display values 0…1.
+    `InputError` for an unknown format, or one that needs what was not measured.
+    """
+    unknown = [name for name in formats if name not in FORMATS]
+    if unknown or not formats:
+        raise InputError(f"no format is called {', '.join(unknown) or 'nothing'}: give some of {', '.join(FORMATS)}")
+    source = measured if isinstance(measured, Measurement) else Measurement.load(measured)
+    shots = capture if isinstance(capture, Capture) or capture is None else load_capture(capture)
+    maps = page_source(source, shots).maps
+    if "csv" in formats and not source.body_spectra:
+        raise InputError("the measurement has no spectra: they need the lamp's spectrum and the camera's response")
+    if {"glb", "ply"} & set(formats):
+        points(maps)
+    losses: dict[str, Any] = {name: {"lost": LOST[name]} for name in formats if name in LOST}
+    with whole_folder(out, force) as home:
+        for name in formats:
+            if name in PLANES:
+                _write_planes(home, name, maps)
+        meshes = {name: home / f"object.{name}" for name in ("glb", "ply") if name in formats}
+        if meshes:
+            albedo = albedo_map(maps)
+            write_mesh(meshes, maps, shown(albedo, 1.0))
+        if "csv" in formats:
+            _write_spectra(home / "spectra.csv", source)
+        if "materialx" in formats:
+            write_materialx(home / "materials.mtlx", source.materials)
+        relightable = [name for name in formats if name in WRITERS]
+        if relightable:
+            losses |= _write_relightable(home, relightable, maps, progress)
+        record = {
+            "formats": losses,
+            "axes": "x right, y up, z to the camera",
+            "lengths": "m" if maps.has_scale else "no scale is known: depths and meshes are not in metres",
+            "hagoromo": written_by(),
+        }
+        write_json(home / "export.json", record)
+    return record
+
+
+def _write_planes(home: Path, kind: str, maps: SurfaceMaps) -> None:
+    """normals, albedo, roughness and depth; of 16 bits: −1…1, 0…1 (sRGB curve), 0…1 and near…far as 0…65535."""
+    albedo, rough = albedo_map(maps), _roughness(maps)
+    if kind == "exr":
+        layers = dict(zip(("N.X", "N.Y", "N.Z"), np.moveaxis(maps.normals, 2, 0), strict=True))
+        layers |= dict(zip("RGB", np.moveaxis(albedo, 2, 0), strict=True)) | {"roughness": rough}
+        layers |= {"A": maps.known.astype(np.float32)}
+        layers |= {} if maps.depth is None else {"Z": np.where(maps.known, maps.depth, 0.0)}
+        write_exr(home / "planes.exr", layers, {"axes": "x right, y up, z to the camera; Z [m] along the optical axis"})
+        return
+    planes = {
+        "normals": np.where(maps.known[..., None], 0.5 + 0.5 * maps.normals, 0.0),
+        "albedo": shown(albedo, 1.0),
+        "roughness": rough,
+    }
+    if maps.depth is not None:
+        near, far = maps.depth[maps.known].min(), maps.depth[maps.known].max()
+        planes["depth"] = np.where(maps.known, (maps.depth - near) / max(far - near, 1e-12), 0.0)
+        write_json(home / "depth.json", {"near_m": float(near), "far_m": float(far), "hagoromo": written_by()})
+    for name, plane in planes.items():
+        numbers = np.rint(FULL * np.clip(plane, 0.0, 1.0)).astype(np.uint16)
+        if kind == "png":
+            write_png(home / f"{name}.png", numbers)
+        else:
+            import tifffile
+
+            tifffile.imwrite(home / f"{name}.tiff", numbers, compression="deflate", software="", datetime=False)
+
+
+def _roughness(maps: SurfaceMaps) -> Array:
+    """(h, w) see `roughness`, of each pixel's γ where it is known."""
+    of_materials = np.array([roughness(material) for material in maps.materials])
+    rough = np.where(maps.known, of_materials[np.maximum(maps.labels, 0)], 0.0)
+    if maps.gamma is None:
+        return rough
+    fine = np.sqrt(np.maximum(maps.gamma, 0.0) / np.sqrt(np.sqrt(2.0) - 1.0))
+    return np.where(maps.known & (maps.gamma > 0.0), np.clip(fine, 0.02, 1.0), rough)
+
+
+def _write_spectra(path: Path, measurement: Measurement) -> None:
+    spectra = measurement.body_spectra
+    columns: dict[str, Any] = {"wavelength_nm": next(iter(spectra.values())).wavelengths}
+    for name, spectrum in spectra.items():
+        low, high = spectrum.band_95
+        columns |= {name: spectrum.values, f"{name} low": low, f"{name} high": high}
+    write_table(path, columns)
+
+
+def _write_relightable(home: Path, names: Sequence[str], maps: SurfaceMaps, progress: Progress) -> dict[str, Any]:
+    """Write the relightable formats; gives what each loses, with its error under lamps that it was not fitted to."""
+    white, directions = white_level(maps), hemisphere(LAMPS)
+    pictures = []
+    for number, to_lamp in enumerate(directions):
+        progress(number / LAMPS, "lamps")
+        pictures.append(shown(reflected(maps, to_lamp), white))
+    tested = hemisphere(TESTED, 0.25)
+    truth = np.array([shown(reflected(maps, to_lamp), white)[maps.known] for to_lamp in tested])
+    losses = {}
+    for name in names:
+        file, write = WRITERS[name]
+        write(home / file, pictures, directions)
+        terms = fitted(pictures, BASES[name](directions))[:, maps.known]
+        again = np.clip(np.einsum("lt,tkc->lkc", BASES[name](tested), terms), 0.0, 1.0)
+        error = float(np.sqrt(np.mean((again - truth) ** 2)))
+        lost = "highlights become broad, cast shadows and spectra are lost; display values (sRGB curve)"
+        losses[name] = {"file": file, "lost": lost, "rms_error_before_quantisation": error}
+    return losses

@@ -1,0 +1,1 @@
+"""Scenes of other programs: glTF and USD, both ways."""

@@ -1,0 +1,320 @@
+"""A scene, or a mesh, as USD (.usda text, .usdc binary, .usdz archive): metres, z up, in one file."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.camera.camera import Camera
+from hagoromo.camera.pose import opengl_from_opencv
+from hagoromo.errors import InputError
+from hagoromo.files.library import library
+from hagoromo.files.png import write_png
+from hagoromo.files.whole import check_written, replaceable_file, scratch_folder, whole_file, whole_files
+from hagoromo.image.scene import Scene
+from hagoromo.image.surface import Surface
+from hagoromo.light.area_lamp import AreaLamp
+from hagoromo.light.colour import srgb_encode
+from hagoromo.light.environment import Environment
+from hagoromo.light.lamp import Lamp
+from hagoromo_formats.scenes.gltf_scene import triangles_of, turned_z_to
+from hagoromo_formats.scenes.pbr import PbrMaterial, linear, lost_gloss, normal_fresnel
+from hagoromo_formats.scenes.pbr_textures import look_of, lost_textures, uvs_of
+from hagoromo_formats.scenes.usd_stage import ARCHIVE
+
+APERTURE = 0.36  # tenths of a metre: a film of 36 mm
+FAR_FOCUS = 1e6  # m
+ROOT = Path("scene.usdc")  # of an archive
+POINT = 0.005  # m, the radius by which programs show a lamp without size
+Matrix = NDArray[np.float64]
+
+
+def usd_from_scene(scene: Scene, out: str | Path, force: bool = False) -> list[str]:
+    """Write camera, lamps and surfaces of a scene as USD; returns what is lost, a line each."""
+    if not (scene.surfaces or scene.lamps or scene.area_lamps):
+        raise InputError("the scene has no surface and no lamp, and this USD holds no volume boxes: write an OpenVDB")
+    replaceable_file(out, force)
+    writer = _Writer(Path(out))
+    writer.camera(scene.camera)
+    for surface in scene.surfaces:
+        writer.surface(surface)
+    for lamp in scene.lamps:
+        writer.lamp(lamp)
+    for area_lamp in scene.area_lamps:
+        writer.area_lamp(area_lamp)
+    if scene.environment:
+        writer.dome(scene.environment)
+    writer.write(out, force)
+    return [*writer.lost, *_lost(scene)]
+
+
+def write_usd_mesh(vertices: Any, faces: Any, out: str | Path, force: bool = False) -> None:
+    """Write triangles (m, 3) of vertices (n, 3) [m] as USD."""
+    writer = _Writer(Path(out))
+    writer.mesh("mesh", np.asarray(vertices, float), np.asarray(faces), np.eye(4))
+    writer.write(out, force)
+
+
+def _lost(scene: Scene) -> Iterator[str]:
+    camera = scene.camera
+    if scene.boxes:
+        yield f"{len(scene.boxes)} volume boxes: write each as .vdb"
+    if any(camera.distortion):
+        yield "the distortion of the lens"
+    if abs(camera.focal[0] / camera.focal[1] - 1.0) > 1e-6:
+        yield "pixels that are not square: the picture is as high as it was seen"
+    for lamp in scene.lamps:
+        if lamp.profile is not None:
+            yield f"lamp {lamp.name!r}: its profile; it shines alike all around"
+        if isinstance(lamp.intensity, tuple):
+            yield f"lamp {lamp.name!r}: its intensity by channel, of which the mean stands"
+    if scene.environment and np.ptp(scene.environment.values) > 0.0:
+        yield "the map of the environment, of which the mean shines from all around"
+    lights = [*scene.area_lamps, *([scene.environment] if scene.environment else [])]
+    if not all(light.visible for light in lights):
+        yield "which lights the camera sees: programs show them or not"
+    for surface in scene.surfaces:
+        if surface.absorption is not None:
+            yield f"surface {surface.name!r}: the absorption within its glass, which is clear"
+        if surface.emission is not None:
+            yield f"surface {surface.name!r}: the light that it gives off"
+    yield from lost_gloss(scene.surfaces)
+    yield "spectra (colours are linear sRGB under D65)"
+
+
+class _Writer:
+    def __init__(self, out: Path) -> None:
+        self.archive = out.suffix.lower() == ARCHIVE
+        self.stem, self.images = ROOT.stem if self.archive else out.stem, dict[str, NDArray[np.uint8]]()
+        self.lost = list[str]()
+        self.usd, self.geometry, self.shade = (library(f"pxr.{name}") for name in ("Usd", "UsdGeom", "UsdShade"))
+        self.layers, self.numbers = library("pxr.Sdf"), library("pxr.Gf")
+        self.stage = self.usd.Stage.CreateInMemory()
+        self.geometry.SetStageUpAxis(self.stage, "Z")
+        self.geometry.SetStageMetersPerUnit(self.stage, 1.0)
+        self.stage.SetDefaultPrim(self.geometry.Xform.Define(self.stage, "/scene").GetPrim())
+        self.count = 0
+
+    def write(self, out: str | Path, force: bool) -> None:
+        """The file and its images beside it, or all in an archive."""
+        if not self.archive:
+            beside = [Path(out).parent / name for name in self.images]
+            with whole_files((out, *beside), force) as (partial, *images):
+                self.stage.GetRootLayer().Export(str(partial))
+                for place, image in zip(images, self.images.values(), strict=True):
+                    write_png(place, image)
+            return
+        with whole_file(out, force) as partial, scratch_folder() as folder:
+            self.stage.GetRootLayer().Export(str(folder / ROOT))
+            for name, image in self.images.items():
+                write_png(folder / name, image)
+            done = library("pxr.UsdUtils").CreateNewUsdzPackage(str(folder / ROOT), str(partial))
+            check_written(partial, out, done)
+
+    def define(self, kind: str, name: str, place: Matrix) -> Any:
+        """A new object at a place, whose path holds its name; names of any letters stand as its display name."""
+        self.count += 1
+        known = library("pxr.Tf").MakeValidIdentifier(name or kind)
+        prim = self.stage.DefinePrim(f"/scene/{known}_{self.count}", kind)
+        if name:
+            prim.SetDisplayName(name)
+        matrix = self.numbers.Matrix4d(np.asarray(place, float).T.tolist())
+        self.geometry.Xformable(prim).AddTransformOp().Set(matrix)
+        return prim
+
+    def set(self, prim: Any, **values: Any) -> None:
+        for name, given in values.items():
+            prim.GetAttribute(name).Set(given)
+
+    def camera(self, camera: Camera) -> None:
+        """Focal length and apertures in tenths of a metre; shifts are those of the principal point."""
+        width, height = camera.width, camera.height
+        length = camera.focal[0] / width * APERTURE
+        high = height / camera.focal[1] * length
+        lens = {}
+        if camera.aperture:
+            focus = camera.focus if math.isfinite(camera.focus) else FAR_FOCUS
+            lens = {"fStop": 0.1 * length / camera.aperture, "focusDistance": focus}
+        prim = self.define("Camera", camera.name or "camera", opengl_from_opencv(camera.camera_to_world))
+        self.set(
+            prim, focalLength=length, horizontalAperture=APERTURE, verticalAperture=high,
+            horizontalApertureOffset=(0.5 - camera.principal[0] / width) * APERTURE,
+            verticalApertureOffset=(camera.principal[1] / height - 0.5) * high,
+            clippingRange=self.numbers.Vec2f(1e-3, 1e6), **lens,
+        )  # fmt: skip
+        settings = self.stage.DefinePrim("/Render/settings", "RenderSettings")
+        settings.GetAttribute("resolution").Set(self.numbers.Vec2i(width, height))
+        settings.GetRelationship("camera").SetTargets([prim.GetPath()])
+
+    def light(self, kind: str, name: str, place: Matrix, rgb: Matrix, **values: Any) -> Any:
+        """A lamp whose intensity is that of its brightest channel."""
+        top = float(rgb.max()) or 1.0
+        prim = self.define(kind, name, place)
+        self.set(prim, **{"inputs:intensity": top, "inputs:color": self.numbers.Vec3f(*(rgb / top).tolist())})
+        self.set(prim, **{f"inputs:{key}": given for key, given in values.items()})
+        return prim
+
+    def lamp(self, lamp: Lamp) -> None:
+        """Far: lux of a lamp without size. Near: a sphere as a point, of 4 I by its area; cos^μ is shaping:focus."""
+        rgb, place = linear(lamp.spectrum) * float(np.mean(lamp.intensity)), np.eye(4)
+        if lamp.position is None:
+            place[:3, :3] = turned_z_to(np.asarray(lamp.to_lamp, float))
+            self.light("DistantLight", lamp.name, place, rgb, angle=0.0)
+            return
+        place[:3, 3] = lamp.position
+        if lamp.axis is not None:
+            place[:3, :3] = turned_z_to(-lamp.axis)
+        prim = self.light("SphereLight", lamp.name, place, 4.0 * rgb, radius=POINT, normalize=True)
+        self.set(prim, treatAsPoint=True)
+        if lamp.axis is not None and lamp.profile is None:
+            library("pxr.UsdLux").ShapingAPI.Apply(prim)
+            self.set(prim, **{"inputs:shaping:focus": lamp.axis_power, "inputs:shaping:cone:angle": 90.0})
+
+    def area_lamp(self, lamp: AreaLamp) -> None:
+        rgb, place = linear(lamp.spectrum) * lamp.radiance, np.eye(4)
+        place[:3, 3] = lamp.position
+        if lamp.radius is not None:
+            self.light("SphereLight", lamp.name, place, rgb, radius=lamp.radius)
+            return
+        assert lamp.edges is not None
+        sizes = np.linalg.norm(lamp.edges, axis=1)
+        place[:3, :3] = np.column_stack([lamp.edges[1] / sizes[1], lamp.edges[0] / sizes[0], -lamp.normal])
+        self.light("RectLight", lamp.name, place, rgb, width=float(sizes[1]), height=float(sizes[0]))
+
+    def dome(self, environment: Environment) -> None:
+        """The mean over the sphere, from all around: rows of the map are as wide as the sine says."""
+        rows = np.reshape(environment.values.mean(axis=1), (len(environment.values), -1))
+        weights = np.sin(np.pi * (np.arange(len(rows)) + 0.5) / len(rows))
+        mean = weights @ rows / weights.sum() * np.ones(3)
+        self.light("DomeLight", environment.name, np.eye(4), environment.scale * mean * linear(environment.spectrum))
+
+    def surface(self, surface: Surface) -> None:
+        vertices, faces = triangles_of(surface)
+        look, colours = look_of(surface, vertices)
+        self.lost += lost_textures(surface, look, colours)
+        if any(each is not None and not each.smooth for each in surface.textures):
+            self.lost.append(f"surface {surface.name!r}: pixels that are not interpolated, as programs do")
+        if surface.shape in ("sphere", "cube"):
+            kind = {"sphere": "Sphere", "cube": "Cube"}[surface.shape]
+            prim = self.define(kind, surface.name or surface.shape, surface.pose)
+            self.set(prim, **({"radius": 1.0} if kind == "Sphere" else {"size": 2.0}))
+        else:
+            smooth = surface.shape == "mesh" and surface.smooth
+            prim = self.mesh(surface.name or surface.shape, vertices, faces, surface.pose, smooth)
+        mean = look.base if colours is None else colours.reshape(-1, 3).mean(axis=0)
+        self.paint(prim, mean[None] if colours is None or colours.ndim == 3 else colours)
+        material = self.shade.Material.Define(self.stage, f"/scene/materials/material_{self.count}")
+        path = material.GetPath()
+        shader = self.shader(path.AppendChild("surface"), "UsdPreviewSurface", **_preview(look))
+        if colours is not None and colours.ndim == 2:
+            reader = self.shader(path.AppendChild("colours"), "UsdPrimvarReader_float3", varname="displayColor")
+            self.connect(shader, "diffuseColor", reader, "result")
+        if colours is not None and colours.ndim == 3:
+            self.texture(shader, "diffuseColor", srgb_encode(colours), "sRGB")
+        if look.roughness_map is not None:
+            self.texture(shader, "roughness", _bytes(look.roughness_map))
+        if look.specular_map is not None:
+            grey = np.repeat(_bytes(look.specular_map)[..., None], 3, axis=2)
+            self.texture(shader, "specularColor", grey, scale=(*_preview(look)["specularColor"], 1.0))
+        uv = uvs_of(surface, vertices)
+        if uv is not None and (look.mapped or colours is not None):
+            kinds = self.layers.ValueTypeNames
+            primvar = self.geometry.PrimvarsAPI(prim).CreatePrimvar("st", kinds.TexCoord2fArray, "vertex")
+            primvar.Set(library("pxr.Vt").Vec2fArray.FromNumpy(np.ascontiguousarray(uv, np.float32)))
+        material.CreateSurfaceOutput().ConnectToSource(shader.ConnectableAPI(), "surface")
+        self.shade.MaterialBindingAPI.Apply(prim).Bind(material)
+
+    def paint(self, prim: Any, colours: Matrix) -> None:
+        """displayColor: one colour, or those of all vertices."""
+        values = library("pxr.Vt").Vec3fArray.FromNumpy(np.clip(colours, 0.0, 1.0).astype(np.float32))
+        kinds, how = self.layers.ValueTypeNames, "constant" if len(colours) == 1 else "vertex"
+        self.geometry.PrimvarsAPI(prim).CreatePrimvar("displayColor", kinds.Color3fArray, how).Set(values)
+
+    def shader(self, path: Any, kind: str, **inputs: Any) -> Any:
+        """A shader with the numbers, colours, texts and files of its inputs."""
+        shader, kinds = self.shade.Shader.Define(self.stage, path), self.layers.ValueTypeNames
+        shader.CreateIdAttr(kind)
+        for name, given in inputs.items():
+            of = {float: kinds.Float, int: kinds.Int, str: kinds.String, list: kinds.Color3f, tuple: kinds.Float4}
+            stated = given
+            if isinstance(given, list):
+                stated = self.numbers.Vec3f(*given)
+            elif isinstance(given, tuple):
+                stated = self.numbers.Vec4f(*given)
+            token = name in ("sourceColorSpace", "wrapS", "wrapT")
+            typed = kinds.Asset if name == "file" else kinds.Token if token else of[type(given)]
+            shader.CreateInput(name, typed).Set(stated)
+        return shader
+
+    def connect(self, shader: Any, name: str, source: Any, output: str) -> None:
+        """Have an output of a shader give an input of another."""
+        kinds = self.layers.ValueTypeNames
+        of = {
+            "diffuseColor": kinds.Color3f,
+            "specularColor": kinds.Color3f,
+            "roughness": kinds.Float,
+            "st": kinds.Float2,
+        }
+        made = source.CreateOutput(output, {"r": kinds.Float, "result": of[name]}.get(output, kinds.Float3))
+        given = shader.GetInput(name) or shader.CreateInput(name, of[name])
+        given.GetAttr().Clear()
+        given.ConnectToSource(made)
+
+    def texture(
+        self,
+        shader: Any,
+        name: str,
+        image: NDArray[np.uint8],
+        space: str = "raw",
+        scale: tuple[float, ...] | None = None,
+    ) -> None:
+        """A picture on the UVs that gives an input of a surface."""
+        path, file = shader.GetPath().GetParentPath(), f"{self.stem}_{self.count}_{name}.png"
+        self.images[file] = image
+        inputs = {"file": f"./{file}", "sourceColorSpace": space, "wrapS": "repeat", "wrapT": "repeat"}
+        made = self.shader(path.AppendChild(name), "UsdUVTexture", **inputs, **({"scale": scale} if scale else {}))
+        reader = self.shader(path.AppendChild(f"{name}_uvs"), "UsdPrimvarReader_float2", varname="st")
+        self.connect(made, "st", reader, "result")
+        self.connect(shader, name, made, "rgb" if image.ndim == 3 else "r")
+
+    def mesh(self, name: str, vertices: Any, faces: Any, place: Matrix, smooth: bool = False) -> Any:
+        arrays, prim = library("pxr.Vt"), self.define("Mesh", name, place)
+        mesh = self.geometry.Mesh(prim)
+        points = np.ascontiguousarray(vertices, np.float32)
+        mesh.CreatePointsAttr(arrays.Vec3fArray.FromNumpy(points))
+        mesh.CreateFaceVertexCountsAttr(arrays.IntArray.FromNumpy(np.full(len(faces), 3, np.int32)))
+        mesh.CreateFaceVertexIndicesAttr(arrays.IntArray.FromNumpy(np.ravel(faces).astype(np.int32)))
+        mesh.CreateSubdivisionSchemeAttr("none")
+        box = np.stack([points.min(axis=0), points.max(axis=0)])
+        mesh.CreateExtentAttr(arrays.Vec3fArray.FromNumpy(box))
+        if smooth:
+            import trimesh
+
+            normals: Any = trimesh.Trimesh(vertices, faces, process=False).vertex_normals
+            mesh.CreateNormalsAttr(arrays.Vec3fArray.FromNumpy(np.ascontiguousarray(normals, np.float32)))
+            mesh.SetNormalsInterpolation("vertex")
+        return prim
+
+
+def _preview(look: PbrMaterial) -> dict[str, Any]:
+    """Inputs of a UsdPreviewSurface; its gloss is its specularColor, F0."""
+    if look.glass:
+        return {"diffuseColor": _clipped(look.base), "roughness": 0.0, "opacity": 0.0, "ior": look.n}
+    made: dict[str, Any] = {"diffuseColor": _clipped(look.base), "roughness": look.roughness}
+    if look.metallic:
+        return {**made, "metallic": look.metallic}
+    gloss = _clipped((look.specular or 0.0) * normal_fresnel(look.n) * look.tint)
+    return {**made, "ior": look.n, "useSpecularWorkflow": 1, "specularColor": gloss}
+
+
+def _bytes(values: Any) -> NDArray[np.uint8]:
+    return np.round(255.0 * values).astype(np.uint8)
+
+
+def _clipped(rgb: Any) -> list[float]:
+    return [float(x) for x in np.clip(rgb, 0.0, 1.0)]

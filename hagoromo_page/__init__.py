@@ -1,0 +1,1 @@
+"""Pages: the viewer in the browser, published pages, and reports."""

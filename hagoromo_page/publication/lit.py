@@ -1,0 +1,86 @@
+"""Pictures of a measured object under far white lamps, from its own reflectance: relightable formats fit them.
+
+Enters: SurfaceMaps, directions to lamps in the page's axes (x right, y up, z to the eye). Leaves: display values.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.backend import arrays
+from hagoromo.reflectance.element import element_weights
+from hagoromo_page.publication.surface_maps import SurfaceMaps
+
+Array = NDArray[Any]
+
+
+def hemisphere(count: int, lowest: float = 0.15) -> Array:
+    """(count, 3) unit directions spread evenly by the golden angle, z from `lowest` to 1."""
+    k = np.arange(count) + 0.5
+    z = 1.0 - (1.0 - lowest) * k / count
+    turn = np.pi * (1.0 + np.sqrt(5.0)) * k
+    across = np.sqrt(1.0 - z**2)
+    return np.stack([across * np.cos(turn), across * np.sin(turn), z], axis=1)
+
+
+def white_level(maps: SurfaceMaps) -> float:
+    """π α c_b that is shown as white: the 99th percentile of the body colour, at least that of a reflectance of 0.1."""
+    return max(float(np.percentile(np.pi * maps.body[maps.known].max(axis=1), 99.0)), 0.1)
+
+
+def reflected(maps: SurfaceMaps, to_lamp: Array) -> Array:
+    """(h, w, 3) linear values under a far lamp of irradiance π that is as white as the interface; no cast shadows."""
+    known = maps.known
+    ray = _to_eye(maps)[known]
+    normal, lamp, eye = _vector(maps.normals[known]), _vector(np.broadcast_to(to_lamp, ray.shape)), _vector(ray)
+    jit = arrays()
+    result = np.zeros((*known.shape, 3))
+    labels = maps.labels[known]
+    colours = three_channels(maps.body)[known]
+    values = np.zeros((len(labels), 3))
+    for number, material in enumerate(maps.materials):
+        if not (labels == number).any():
+            continue
+        beta = np.full(len(labels), material.beta) if maps.beta is None else maps.beta[known]
+        gamma = np.full(len(labels), material.gamma) if maps.gamma is None else maps.gamma[known]
+        nu = material.nu
+        if maps.tail is not None:
+            tail = maps.tail[known]
+            nu = jit.Float(np.where(tail > 0.0, 1.0 / np.maximum(tail, 1e-6), np.inf))
+        weights = element_weights(
+            "plane", normal, lamp, eye, 1.0, jit.Float(beta), jit.Float(np.maximum(gamma, 1e-3)), material.n,
+            nu, material.epsilon, material.sigma,
+        )  # fmt: skip
+        body, interface = np.array(weights.body), np.array(weights.interface)
+        lit = body[:, None] * colours + interface[:, None] * three_channels(np.array(material.interface_colour))
+        values = np.where((labels == number)[:, None], lit, values)
+    result[known] = np.pi * values
+    return result
+
+
+def shown(values: Array, white: float) -> Array:
+    """Display values 0…1 (sRGB curve) of linear ones, as the viewers of these formats expect."""
+    linear = np.clip(values / white, 0.0, 1.0)
+    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 0.0031308) ** (1 / 2.4) - 0.055)
+
+
+def _to_eye(maps: SurfaceMaps) -> Array:
+    """(h, w, 3) unit vectors to the camera."""
+    height, width = maps.labels.shape
+    camera = maps.camera
+    x = (np.arange(width) + 0.5 - camera.principal[0]) / camera.focal[0]
+    y = (np.arange(height) + 0.5 - camera.principal[1]) / camera.focal[1]
+    ray = np.stack([*np.broadcast_arrays(-x[None], y[:, None]), np.ones((height, width))], axis=2)
+    return ray / np.linalg.norm(ray, axis=2, keepdims=True)
+
+
+def _vector(values: Array) -> Any:
+    return arrays().Array3f(*(np.ascontiguousarray(column, np.float32) for column in values.T))
+
+
+def three_channels(values: Array) -> Array:
+    """Three channels, of one or more."""
+    return values if values.shape[-1] == 3 else np.repeat(values.mean(axis=-1, keepdims=True), 3, axis=-1)

@@ -1,0 +1,158 @@
+"""The studies by name: what each shows, what it runs, and which of its results the documents take.
+
+`python -m studies` lists them, `python -m studies NAME` runs one. A study is declared once, here: the list and
+the command read it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+DATA = "../shared/data"  # real data beside the checkout: `make data`
+RECIPES = "examples/recipes"
+SIX_OBJECTS = "gray buddha cat horse owl rock".split()
+
+
+@dataclass(frozen=True)
+class Study:
+    """A study: its purpose, its commands, and what is copied into the documents.
+
+    runs: arguments of `python`, one tuple a command, in order. copies: pairs of a pattern of results and the folder of
+    the documents that they go to. takes: how long, on two cores. needs_demo: the folder of the demo is made before it.
+    """
+
+    shows: str
+    takes: str
+    runs: tuple[tuple[str, ...], ...]
+    copies: tuple[tuple[str, str], ...] = ()
+    needs_demo: bool = False
+
+
+def _page(name: str, *pictures: str, at: str = "") -> tuple[tuple[str, str], ...]:
+    """A page and its pictures, from the folder `at` (default: out/NAME) to docs."""
+    home = at or f"out/{name}"
+    return ((f"{home}/{name}.md", "docs"), *((f"{home}/{picture}", "docs/figures") for picture in pictures))
+
+
+def _module(name: str, *arguments: str) -> tuple[str, ...]:
+    return ("-m", f"studies.{name}", *arguments)
+
+
+STUDIES: dict[str, Study] = {
+    "real": Study(
+        "every real photograph of six objects, predicted from the eleven others",
+        "minutes",
+        (_module("real", f"{DATA}/uw_psm", "--out", "out/real", "--force"),),
+    ),
+    "relit": Study(
+        "the same objects as volume boxes under lamps kept aside, and what limits them: docs/relighting.md",
+        "an hour",
+        (
+            _module("relit_objects", f"{DATA}/uw_psm", "--out", "out/relit", "--force"),
+            _module(
+                *("relit_objects", f"{DATA}/uw_psm", "--out", "out/relit_rig"),
+                *("--objects", *SIX_OBJECTS, "--rig", "--force"),
+            ),
+            _module(
+                *("relit_objects", f"{DATA}/uw_psm", "--out", "out/relit_rig_quarter"),
+                *("--objects", *SIX_OBJECTS, "--rig", "--shrink", "4", "--force"),
+            ),
+            _module("relit_limits", f"{DATA}/uw_psm", "--shrink", "4", "--out", "out/relit_limits", "--force"),
+        ),
+    ),
+    "lamps": Study(
+        "how far readings of the same real lamps agree: of a mirror ball, of a grey ball, of the objects themselves",
+        "minutes",
+        (_module("lamps", f"{DATA}/uw_psm", "--out", "out/lamps.json", "--force"),),
+    ),
+    "calibration": Study(
+        "boards in blurred photographs, and lamps on mirror balls with streaks of glare, simulated",
+        "a minute",
+        (_module("calibration", "--out", "out/calibration.json", "--force"),),
+    ),
+    "near": Study(
+        "normals and depth under near lamps in perspective, simulated, highlights from narrow to wide",
+        "minutes",
+        (_module("near_lamps", "--out", "out/near_lamps.json", "--leds", f"{DATA}/near_ps_leds", "--force"),),
+    ),
+    "spectra": Study(
+        "spectra from camera colours, over 28 cameras",
+        "minutes",
+        (_module("spectra", DATA, "--out", "out/spectra", "--force"),),
+    ),
+    "response": Study(
+        "cameras' responses from readings without faults and with: docs/response.md",
+        "minutes",
+        (_module("response_study", DATA, "--out", "out/response", "--force"),),
+        _page("response", "response.png"),
+    ),
+    "coverage": Study(
+        "how often the intervals of materials hold the truth, over 1800 simulations: docs/coverage.md",
+        "minutes",
+        (_module("coverage", "--out", "out/coverage", "--force"),),
+        _page("coverage", "coverage.png"),
+    ),
+    "first-order": Study(
+        "the march against an independent program of its equations in float64: docs/first_order.md",
+        "a minute",
+        (_module("first_order", "--out", "out/first_order", "--force"),),
+        _page("first_order", "*.png"),
+    ),
+    "orders": Study(
+        "recipes by modes march, full and path, side by side: docs/orders.md",
+        "minutes",
+        (_module("orders", RECIPES, "--out", "out/orders", "--force"),),
+        _page("orders", "orders.png", "orders_colour.png"),
+    ),
+    "modes": Study(
+        "the gallery and figures 6 to 8 by all three modes: docs/modes.md; what is in out/modes stays as it is",
+        "an hour",
+        (_module("modes", "out/demo", RECIPES, "--out", "out/modes"),),
+        (("out/modes/modes.md", "docs"), ("out/modes/modes/*.jpg", "docs/figures/modes")),
+        needs_demo=True,
+    ),
+    "cluster": Study(
+        "workers on this machine, one of them killed, and a simulation of many: docs/cluster.md",
+        "minutes",
+        (_module("cluster", "--out", "out/cluster", "--force"),),
+        _page("cluster", "cluster.png"),
+    ),
+    "merl": Study(
+        "80 measured materials, fitted with our model and with GGX and Lambert: docs/merl.md; goes on where it stopped",
+        "an hour",
+        (_module("merl", f"{DATA}/merl_fits", "--out", "out/merl", "--force"),),
+        _page("merl", "merl.png"),
+    ),
+    "gallery": Study(
+        "every recipe close up, whole and under a moving lamp, and what it costs: docs/gallery.md",
+        "a quarter of an hour",
+        (_module("gallery.gallery", RECIPES, "--out", "docs"),),
+    ),
+    "viewer": Study(
+        "the pictures of docs/howto/view.md, of the viewer in Chromium",
+        "a minute",
+        (_module("viewer", "--out", "out/viewer", "--force"),),
+        tuple(
+            (f"out/viewer/{name}.jpg", f"docs/figures/view_{name}.jpg")
+            for name in ("scene", "image", "photograph", "measurement")
+        ),
+    ),
+    "turning": Study(
+        "figure 8 as a film, and its first picture: docs/howto/film.md",
+        "half an hour",
+        (("-m", "hagoromo_matter.demo.turning", "out/demo", "out/turning", "docs"),),
+        needs_demo=True,
+    ),
+    "published": Study(
+        "the page of docs/howto/publish.md, made and opened in Chromium",
+        "minutes",
+        (_module("published", "--out", "out/published", "--force"),),
+        (("out/published/published.jpg", "docs/figures"),),
+    ),
+    "tutorials": Study(
+        "the pictures of the tutorials, by the commands of their pages",
+        "minutes",
+        (_module("tutorial_pictures", "--out", "out/tutorials", "--force"),),
+        (("out/tutorials/tutorial_dome.jpg", "docs/figures"), ("out/tutorials/tutorial_skin.png", "docs/figures")),
+    ),
+}

@@ -1,0 +1,123 @@
+"""A material of a measured BRDF: the truth lies in its intervals, whatever file the values come from."""
+
+import numpy as np
+import pytest
+
+import hagoromo as hg
+from hagoromo.app.cli import main
+from hagoromo.files.format import format_of
+from hagoromo_formats.reflectances.merl import BINS, SCALE, directions, read_merl
+from studies.goniometer import goniometer
+from tests.oracle.reflection import plane
+
+NOISE = 0.01  # relative
+TRUE = {"alpha": 0.13, "beta": 1.3, "gamma": 0.19, "n": 1.48}
+BODY = np.array([1.5, 1.0, 0.5])  # mean 1, as a material states it
+
+
+def brdf(to_lamp: np.ndarray, to_eye: np.ndarray) -> np.ndarray:
+    """(N, 3): f of the oracle in float64, which has none of the fit's code, over the cosine of the incidence."""
+    alpha, beta, gamma, n = TRUE.values()
+    material = hg.Reflectance(alpha, beta, gamma, n, hg.Spectrum.constant(0.5))
+    body, interface = plane(material, np.broadcast_to([0.0, 0.0, 1.0], to_lamp.shape), to_lamp, to_eye)
+    return (body[:, None] * BODY + interface[:, None]) / to_lamp[:, 2:]
+
+
+@pytest.fixture(scope="module")
+def table() -> hg.ReflectanceTable:
+    lamp, eye = goniometer()
+    clean = brdf(lamp, eye)
+    values = clean * (1.0 + NOISE * np.random.default_rng(7).standard_normal(clean.shape))
+    return hg.ReflectanceTable(lamp, eye, values, (NOISE * clean) ** 2, ("R", "G", "B"))
+
+
+def holds_the_truth(material: hg.MaterialEstimate) -> None:
+    assert all(material.identifiable[name] for name in TRUE)
+    for name, true in TRUE.items():
+        low, high = material.interval_95[name]
+        assert low <= true <= high and high - low < 0.2 * true, name
+
+
+def test_the_truth_of_a_table_lies_in_its_intervals(table):
+    holds_the_truth(hg.fit_table(table.to_lamp, table.to_eye, table.values, table.variance))
+
+
+@pytest.mark.parametrize("columns", ["angles", "vectors"])
+def test_a_csv_of_directions_gives_the_material_of_its_rows(tmp_path, table, columns, capsys):
+    named = {name: table.values[:, k] for k, name in enumerate("RGB")}
+    named |= {f"variance_{name}": table.variance[:, k] for k, name in enumerate("RGB")}  # type: ignore[index]
+    for way, vectors in (("lamp", table.to_lamp), ("eye", table.to_eye)):
+        if columns == "vectors":
+            named |= {f"to_{way}_{axis}": vectors[:, k] for k, axis in enumerate("xyz")}
+        else:
+            named[f"theta_{way}_deg"] = np.degrees(np.arccos(vectors[:, 2]))
+            named[f"phi_{way}_deg"] = np.degrees(np.arctan2(vectors[:, 1], vectors[:, 0]))
+    hg.write_table(tmp_path / "sample.csv", named)
+    assert format_of(tmp_path / "sample.csv").name == "reflectance CSV"
+    assert main(["fit", str(tmp_path / "sample.csv"), "--out", str(tmp_path / "materials.json")]) == 0
+    (material,) = hg.read_materials(tmp_path / "materials.json")
+    assert material.name == "sample"
+    holds_the_truth(material)
+    assert hg.info(tmp_path / "sample.csv")["directions"] == len(table.values)
+
+
+def test_merl_bins_are_the_published_ones():
+    """The index of Matusik's reader: θ_h by its square root, θ_d, then φ_d; colours one after the other."""
+    half, difference, turn = np.radians([3.0]), np.radians([20.0]), np.radians([40.0])
+    lamp, eye = directions(half, difference, turn)
+    middle = lamp + eye
+    middle /= np.linalg.norm(middle, axis=1, keepdims=True)
+    assert np.allclose(np.arccos(middle[:, 2]), half) and np.allclose(np.arccos((lamp * middle).sum(1)), difference)
+    assert np.allclose(np.linalg.norm(eye, axis=1), 1.0)
+
+
+def test_a_table_of_merl_gives_its_material(tmp_path, capsys):
+    """Values at the middle of each bin; what a bin smooths is less than the stated error but near the mirror."""
+    places = np.meshgrid(*(np.arange(n) for n in BINS), indexing="ij")
+    angles = ((places[0] + 0.5) / 90) ** 2 * np.pi / 2, (places[1] + 0.5) / 180 * np.pi, (places[2] + 0.5) / 180 * np.pi
+    lamp, eye = directions(*(angle.ravel() for angle in angles))
+    values = np.full((len(lamp), 3), -1.0)
+    above = (lamp[:, 2] > 0.01) & (eye[:, 2] > 0.01)
+    values[above] = brdf(lamp[above], eye[above]) / SCALE
+    with (tmp_path / "paint.binary").open("wb") as file:
+        file.write(np.array(BINS, "<i4").tobytes() + values.T.astype("<f8").tobytes())
+    assert read_merl(tmp_path / "paint.binary").values.shape[1] == 3
+    argv = ["fit", str(tmp_path / "paint.binary"), "--out", str(tmp_path / "a.json"), "--relative-error", "0.005"]
+    assert main(argv) == 0 and "states no variance" in capsys.readouterr().out
+    (material,) = hg.read_materials(tmp_path / "a.json")
+    for name, true in TRUE.items():  # exact values: the error is that of the fit alone
+        assert getattr(material, name) == pytest.approx(true, rel=1e-3), name
+    (tmp_path / "cut.binary").write_bytes((tmp_path / "paint.binary").read_bytes()[:-8])
+    with pytest.raises(hg.InputError, match="is no table of MERL"):
+        read_merl(tmp_path / "cut.binary")
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"to_lamp": np.zeros((4, 3))}, "of row 0 has the length 0"),
+        ({"values": np.full((4, 2), np.nan)}, "not finite"),
+        ({"variance": np.zeros((4, 2))}, "variance above 0"),
+        ({"values": np.ones(4)}, "values .N, C."),
+    ],
+)
+def test_a_table_that_is_none_is_refused(change, said):
+    up = np.tile([0.0, 0.0, 1.0], (4, 1))
+    with pytest.raises(hg.InputError, match=said):
+        hg.fit_table(**{"to_lamp": up, "to_eye": up, "values": np.ones((4, 2)), "variance": np.ones((4, 2))} | change)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("theta_lamp_deg,phi_lamp_deg,theta_eye_deg,phi_eye_deg\n0,0,0,0\n", "the channels none"),
+        ("theta_lamp_deg,phi_lamp_deg,theta_eye_deg,phi_eye_deg,R,G,variance_R\n0,0,0,0,1,1,1\n", "for all of them"),
+        ("theta_lamp_deg,phi_lamp_deg,theta_eye_deg,phi_eye_deg,R\n0,0,0,0,1\n", "too few"),
+        ("wavelength_nm,R\n400,1\n", "no table of reflectances"),
+    ],
+)
+def test_a_csv_that_holds_no_brdf_ends_in_one_line(tmp_path, capsys, text, said):
+    (tmp_path / "a.csv").write_text(text)
+    assert main(["fit", str(tmp_path / "a.csv"), "--out", str(tmp_path / "a.json")]) == 2
+    error = capsys.readouterr().err
+    assert said in error and error.count("\n") == 1 and not (tmp_path / "a.json").exists()
