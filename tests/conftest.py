@@ -20,3 +20,12 @@ def few_match_points(monkeypatch):
     for name, count in (("POINTS", 1 << 10), ("DRAWN", 64)):
         monkeypatch.setattr(texel_match, f"{name}_OF_FINEST", count)
         monkeypatch.setattr(texel_match, f"{name}_OF_COARSE", count)
+
+
+@pytest.fixture(autouse=True)
+def nothing_stays_kept():
+    """What a test fetched from a store is not kept for the next one: it would count other bytes."""
+    yield
+    from hagoromo.files import stores
+
+    assert stores.kept.most == 0

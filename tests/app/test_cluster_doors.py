@@ -27,6 +27,7 @@ from hagoromo.app.cli import main
 from hagoromo.cluster import connection
 from hagoromo.cluster.cluster import workers_of
 from hagoromo.cluster.scheduler_address import scheduler_address
+from hagoromo.files import stores
 
 PAGE = (Path(__file__).parents[2] / "docs" / "cluster.md").read_text(encoding="utf-8")
 SECRET = "opensesame"
@@ -285,6 +286,7 @@ def documented(home: Path):
 @pytest.mark.skipif(shutil.which("openssl") is None, reason="no openssl")
 def test_certificates_that_are_made_as_documented_let_their_owner_in_and_nobody_else(tmp_path, monkeypatch):
     monkeypatch.setattr(connection, "CONNECT_S", 3.0)
+    monkeypatch.setattr(stores, "kept", stores.Kept())  # of the worker, a thread of this process
     with documented(tmp_path / "mine"):
         assert (tmp_path / "mine" / ".config" / "dask" / "tls" / "key.pem").stat().st_mode & 0o077 == 0
         with LocalCluster(
