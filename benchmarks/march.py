@@ -4,7 +4,7 @@ A noisy ball in 256³ voxels, 512² pixels, three point lamps, Torrance–Sparro
 process in turn, A B C A B C …; no time is tested. `render` is all that a user waits for: tables, maps, picture, its
 copy to the host; the others leave their picture on the device. Written to out/bench/march.json.
 
-    python benchmarks/march.py [--rounds 7] [--pixels 512]
+    python benchmarks/march.py [--rounds 7]
 """
 
 from __future__ import annotations
@@ -40,11 +40,9 @@ EYE = (0.0, 0.0, 3.0)
 
 def main() -> None:
     """Run all contenders in turn; print and record medians, and ratios to the product without shadows."""
-    parser = options(__doc__, 7)
-    parser.add_argument("--pixels", type=int, default=PIXELS, help="a side of the picture")
-    asked = parser.parse_args()
-    rounds, scene = asked.rounds, ReferenceScene(asked.pixels)
-    frames = scene.frames() | (prototype_frames() if asked.pixels == PIXELS else {})
+    rounds = options(__doc__, 7).parse_args().rounds
+    scene = ReferenceScene()
+    frames = scene.frames() | prototype_frames()
     times = in_turn(frames, rounds)
     base = np.array(times["march, no shadows"])
     rows = [
@@ -56,8 +54,7 @@ def main() -> None:
     ]  # fmt: skip
     for row in rows:
         print(f"{row['frame']:40s}{row['median_s']:9.4f} s{row['least_s']:9.4f} s{row['ratio']:8.2f}")
-    name = "march" if asked.pixels == PIXELS else f"march_{asked.pixels}"
-    record(name, {"rounds": rounds, "pixels": asked.pixels, "frames": rows, "shadow_error": scene.shadow_errors()})
+    record("march", {"rounds": rounds, "frames": rows, "shadow_error": scene.shadow_errors()})
 
 
 def reference_voxels() -> np.ndarray:
@@ -78,27 +75,26 @@ def reference_lamps(turn: float) -> tuple[hg.Lamp, ...]:
     return tuple(hg.Lamp(position=rotation @ place, intensity=27.0, spectrum=WHITE) for place in LAMPS)
 
 
-def camera_rays(order: np.ndarray, pixels: int = PIXELS) -> tuple[Any, Any]:
-    """Rays of the reference camera, of a picture of `pixels` a side in the given order."""
+def camera_rays(order: np.ndarray) -> tuple[Any, Any]:
+    """Rays of the reference camera, pixels in the given order."""
     jit = arrays()
     pixel = jit.UInt(order)
-    x, y = jit.Float(pixel % pixels) + 0.5, jit.Float(pixel // pixels) + 0.5
-    direction = jit.Array3f(x / pixels * 2 - 1, 1 - y / pixels * 2, -2.5)
+    x, y = jit.Float(pixel % PIXELS) + 0.5, jit.Float(pixel // PIXELS) + 0.5
+    direction = jit.Array3f(x / PIXELS * 2 - 1, 1 - y / PIXELS * 2, -2.5)
     return opaque_vector(EYE), dr.normalize(direction)
 
 
 class ReferenceScene:
     """KERNEL's scene on the device, and the product's frames of it; the lamps stand elsewhere in each mapped one."""
 
-    def __init__(self, pixels: int = PIXELS) -> None:
-        self.pixels = pixels
+    def __init__(self) -> None:
         self.voxels, pose = reference_voxels(), np.eye(4)
         pose[:3, 3] = -1.0
         density, normal = self.voxels[..., 0], self.voxels[..., 1:]
         self.box = hg.VolumeBox.from_arrays(density, normal, 2 / VOXELS, TAU, [MATTER], pose=pose)
         self.materials = Materials([MATTER], palette_of([MATTER], [], [WHITE]))
         self.medium, self.turn = Medium([self.box]), count(1)
-        self.tiles = tile_order(pixels, pixels)
+        self.tiles = tile_order(PIXELS, PIXELS)
 
     def lighting(self, lamps: Sequence[hg.Lamp] | None = None, attenuation: Attenuation | None = None) -> Lighting:
         """Light of the lamps, without shadows unless `attenuation` is given."""
@@ -106,9 +102,7 @@ class ReferenceScene:
 
     def frame(self, lighting: Lighting) -> Any:
         """Radiance of all pixels, in the order of `tiles`, on the device."""
-        channels, _ = march(
-            self.medium, lighting, *camera_rays(self.tiles, self.pixels), arrays().Float(0), arrays().Float(dr.inf)
-        )
+        channels, _ = march(self.medium, lighting, *camera_rays(self.tiles), arrays().Float(0), arrays().Float(dr.inf))
         return channels[0] + channels[1]
 
     def mapped(self, turn: float, texels: int | None = TEXELS) -> Any:
@@ -118,14 +112,13 @@ class ReferenceScene:
 
     def rendered(self, settings: Settings) -> Any:
         """A frame by `render`."""
-        focal, middle = 1.25 * self.pixels, 0.5 * self.pixels
-        camera = hg.Camera(self.pixels, self.pixels, (focal, focal), (middle, middle))
+        camera = hg.Camera(PIXELS, PIXELS, (1.25 * PIXELS, 1.25 * PIXELS), (PIXELS / 2, PIXELS / 2))
         camera = camera.look_at(EYE, (0, 0, 0), (0, 1, 0))
         hg.render(hg.Scene(camera, reference_lamps(0.05 * next(self.turn)), (self.box,)), settings)
 
     def frames(self) -> dict[str, Frame]:
         """The product's march and a plain one, without shadows, with maps made anew, by brute march."""
-        rows, grid = np.arange(self.pixels**2, dtype=np.uint32), Grid(self.voxels)
+        rows, grid = np.arange(PIXELS**2, dtype=np.uint32), Grid(self.voxels)
         unshaded, brute = self.lighting(), self.lighting(attenuation=brute_attenuation(self.medium))
         return {
             "march, no shadows": lambda: self.frame(unshaded),
@@ -133,7 +126,7 @@ class ReferenceScene:
             "render, maps 512² made anew": lambda: self.rendered(Settings(shadow_resolution=TEXELS)),
             "render, maps of its own choice": lambda: self.rendered(Settings()),
             "march, brute shadows": lambda: self.frame(brute),
-            "plain march, no shadows": lambda: plain_march(grid, TAU, unshaded, *camera_rays(rows, self.pixels)),
+            "plain march, no shadows": lambda: plain_march(grid, TAU, unshaded, *camera_rays(rows)),
         }
 
     def shadow_errors(self) -> dict[str, float]:

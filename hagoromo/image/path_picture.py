@@ -31,6 +31,7 @@ from hagoromo.image.scene import Scene
 from hagoromo.image.settings import Settings
 from hagoromo.image.unfinished import RenderInterrupted, sums_of, with_sums
 from hagoromo.image.walk_sums import Stop, Sums
+from hagoromo.image.walked import Walked
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.progress import Progress, part_of, silent
 from hagoromo.transport.gamma_rows import GammaRows
@@ -39,10 +40,12 @@ from hagoromo.transport.path.bands import Bands, bands_of
 from hagoromo.transport.path.free_flight import Matter
 from hagoromo.transport.path.lights import Lights
 from hagoromo.transport.path.optics import Optics
-from hagoromo.transport.path.path import Walks, light_of_walks, random_numbers
+from hagoromo.transport.path.path import Queue, Walks, light_of_walks, random_numbers
 from hagoromo.transport.path.scatter import Scattering
 
 WALKS_AT_ONCE = 1 << 18  # of one launch; progress is reported, and an interrupt taken, between launches
+ON_GPU = 1 << 22  # the same on a GPU, which walks as many in a tenth of a second, or as bring NUMBERS
+NUMBERS = 1 << 26  # 256 MiB
 ALL_ORDERS = 1 << 16  # events after which a walk ends
 FIRST_LOOK = 64  # walks that are tried before all others
 ENDLESS = 0.5  # share of walks with ALL_ORDERS events above which a picture is refused
@@ -122,8 +125,9 @@ def _walk(
     stop, at_once = Stop(settings, share), walks_at_once(stream, sums.pixels)
     while stop.goes_on(sums):
         for pixels, count in sums.launches(at_once):
-            channels, events = stream.walk(pixels, sums.walks[pixels], count)
-            sums.add(pixels, np.concatenate([channels, events[..., None] > 0], axis=-1, dtype=np.float32))
+            walks = stream.walk(pixels, sums.walks[pixels], count)
+            covered = dr.select(walks.events > 0, arrays().Float(1), 0.0)
+            sums.add(pixels, Walked(walks.light, covered), count)
             progress(stop.progress(sums))
 
 
@@ -179,13 +183,21 @@ def lights_of(scene: Scene, prepared: PreparedScene, rows: GammaRows | None) -> 
 def walks_at_once(stream: _Stream, pixels: int) -> int:
     """Walks of one launch: fewer where they are long. `InputError` where they have no end."""
     some = np.unique(np.linspace(0, pixels - 1, FIRST_LOOK).astype(np.int64))
-    _, events = stream.walk(some, np.zeros(len(some)), 1)
+    events = np.array(stream.walk(some, np.zeros(len(some)), 1).events)
     if stream.settings.orders is None and (events >= ALL_ORDERS).mean() > ENDLESS:
         raise InputError(
             f"light has no end here: most walks were scattered {ALL_ORDERS} times, so that no number of them gives a "
             "picture; open the space that encloses the light, lower its albedos, or give orders"
         )
-    return max(int(WALKS_AT_ONCE * min(LONG / max(float(events.mean()), 1e-9), 1.0)), min(WALKS_AT_ONCE, FIRST_LOOK))
+    most = launch_size(stream.walks.channels)
+    return max(int(most * min(LONG / max(float(events.mean()), 1e-9), 1.0)), min(most, FIRST_LOOK))
+
+
+def launch_size(channels: int) -> int:
+    """Walks of one launch at most; channels: numbers that a walk brings."""
+    if dr.backend_v(arrays().Float) == dr.JitBackend.LLVM:
+        return WALKS_AT_ONCE
+    return max(min(NUMBERS // channels, ON_GPU), WALKS_AT_ONCE)
 
 
 @dataclass
@@ -197,12 +209,8 @@ class _Stream:
     settings: Settings
     batch: int  # of lamps: each has random numbers of its own
 
-    def walk(
-        self, pixels: NDArray[np.int64], samples: NDArray[np.float64], count: int
-    ) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
-        """`count` walks through each of some pixels, from number `samples` on: (pixels, count, channels), and how often
-        each was scattered.
-        """
+    def walk(self, pixels: NDArray[np.int64], samples: NDArray[np.float64], count: int) -> Queue:
+        """`count` walks through each of some pixels, pixel after pixel, from number `samples` on."""
         jit, camera = arrays(), self.prepared.camera
         lane = dr.arange(jit.UInt, len(pixels) * count)
         each, width = dr.opaque(jit.UInt, count), dr.opaque(jit.UInt, camera.width)
@@ -214,7 +222,6 @@ class _Stream:
         lens = (random.next_float32(), random.next_float32()) if camera.aperture > 0.0 else None
         origin, direction = camera.rays(x, y, self.prepared.ahead, lens)
         most = dr.opaque(jit.UInt, self.settings.orders or ALL_ORDERS)
-        channels, events = light_of_walks(self.walks, origin, direction, random, most)
-        dr.eval(channels, events)
-        values = np.stack([np.array(channel) for channel in channels], axis=-1)
-        return values.reshape(len(pixels), count, -1), np.array(events).reshape(len(pixels), count)
+        walks = light_of_walks(self.walks, origin, direction, random, most)
+        dr.eval(walks.light, walks.events)
+        return walks

@@ -4,9 +4,8 @@ Matter may be in a pixel that the walks so far have missed: pixels beside others
 have their part in the error. Walks that chose when to stop do not say how large the error is: it is estimated from the
 walks since the last choice.
 
-Sums are in double precision and in the order of the walks of a pixel, so that they have the same bits however the walks
-are launched. All numbers of a pixel are one row of one table, which is written at once: an interrupt between two
-launches, or in one, finds whole rows.
+All numbers of a pixel are one row of one table, which is written at once: an interrupt between two launches, or in one,
+finds whole rows. They have the same bits however the walks are launched, see `Walked`.
 """
 
 from __future__ import annotations
@@ -23,6 +22,7 @@ from hagoromo.camera.response import Response, response_matrix
 from hagoromo.errors import InputError
 from hagoromo.files.memory import require
 from hagoromo.image.settings import Settings
+from hagoromo.image.walked import Walked
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.transport.palette import Palette
 
@@ -72,16 +72,11 @@ class Sums:
             for begin in range(0, lacking.size, at_once):
                 yield lacking[begin : begin + at_once], count
 
-    def add(self, pixels: NDArray[np.int64], values: NDArray[np.float32]) -> None:
-        """Add the next walks of some pixels: (pixels, walks, channels + 1)."""
+    def add(self, pixels: NDArray[np.int64], walked: Walked, walks: int) -> None:
+        """Add the next `walks` of each of some pixels."""
         rows = self.table[pixels]
-        # written out: a product of matrices has other bits in another shape
-        y = sum((values[..., k] * factor for k, factor in enumerate(self.luminance)), np.zeros(values.shape[:2]))
-        squares = np.square(y.astype(np.float32))
-        for walk in range(values.shape[1]):
-            rows[:, : COVERED + 1] += values[:, walk]
-            rows[:, SQUARE] += squares[:, walk]
-        rows[:, WALKS] += values.shape[1]
+        rows[:, : SQUARE + 1] = walked.added(rows[:, : SQUARE + 1], self.luminance, walks)
+        rows[:, WALKS] += walks
         self.table[pixels] = rows
 
     def mean(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

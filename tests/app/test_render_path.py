@@ -35,7 +35,7 @@ def test_an_interrupt_leaves_the_picture_so_far_and_resume_goes_on(scene, tmp_pa
     """To the bits of an uninterrupted run, with the same scene; a finished picture is not resumed."""
     picture, whole = tmp_path / "a.exr", tmp_path / "b.exr"
     command = ["render", str(scene()), "--mode", "path", "--samples", "6", "--out"]
-    monkeypatch.setattr("hagoromo.image.path_picture.WALKS_AT_ONCE", 500)
+    monkeypatch.setattr("hagoromo.image.path_picture.launch_size", lambda channels: 500)
     assert main([*command, str(whole)]) == 0
     add, left = Sums.add, iter(range(3))
 

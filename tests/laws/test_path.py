@@ -17,6 +17,7 @@ from hagoromo.backend import arrays
 from hagoromo.image import path_picture
 from hagoromo.image.render import PreparedScene
 from hagoromo.image.walk_sums import Sums
+from hagoromo.image.walked import Walked
 from hagoromo.reflectance.element import ELEMENTS
 from hagoromo.transport.materials import Materials
 from hagoromo.transport.palette import Palette, palette_of
@@ -77,11 +78,11 @@ def light_along(scene, origin, direction, walks, seed=1, orders=path_picture.ALL
         columns = np.ascontiguousarray(np.broadcast_to(values, origin.shape).T, np.float32)
         return jit.Array3f(*(dr.gather(jit.Float, jit.Float(column), ray) for column in columns))
 
-    channels, _ = light_of_walks(
+    found = light_of_walks(
         of_scene, vector(origin - prepared.origin), vector(direction), random_numbers(ray, walk, seed),
         dr.opaque(jit.UInt, orders),
     )  # fmt: skip
-    return np.stack([np.array(channel) for channel in channels], axis=-1).reshape(len(origin), walks, -1)
+    return np.array(found.light).reshape(len(origin), walks, -1)
 
 
 def disc(towards, count, seed=None):
@@ -327,7 +328,7 @@ def test_pictures_have_the_bits_of_their_seed_however_walks_are_launched(monkeyp
     picture = hg.render(scene, settings, mode="path")
     assert np.array_equal(picture.weights, hg.render(scene, settings, mode="path").weights)
     assert not np.array_equal(picture.weights, hg.render(scene, replace(settings, seed=5), mode="path").weights)
-    monkeypatch.setattr(path_picture, "WALKS_AT_ONCE", 40)  # pixels apart, walks one by one
+    monkeypatch.setattr(path_picture, "launch_size", lambda channels: 40)  # pixels apart, walks one by one
     apart = hg.render(scene, settings, mode="path")
     assert np.array_equal(apart.weights, picture.weights)
     assert np.array_equal(apart.variance, picture.variance)  # type: ignore[arg-type]
@@ -341,7 +342,7 @@ def test_the_variance_of_a_picture_is_that_of_its_mean():
     for begin in (0, 4):
         for part in (slice(0, 20), slice(20, 50)):
             some = np.arange(begin, min(begin + 4, 6))
-            sums.add(some, draws[some, part])
+            sums.add(some, Walked.of(draws[some, part]), len(draws[0, part]))
     weights, coverage = sums.mean()
     y = hg.Image(draws[..., :-1], draws[..., -1], sums.palette).xyz()[..., 1]
     assert weights.reshape(6, 4) == pytest.approx(draws[..., :-1].mean(axis=1), rel=1e-6)
@@ -414,7 +415,7 @@ def test_light_without_an_end_is_refused():
 @pytest.mark.parametrize("stop", [{"samples": 6}, {"error": 0.2}])
 def test_an_interrupted_picture_goes_on_to_the_bits_of_one_that_was_not(monkeypatch, tmp_path, stop):
     """Between two launches of 3000 walks, of which the last has pixels with more walks than others; as a file."""
-    monkeypatch.setattr(path_picture, "WALKS_AT_ONCE", 3000)
+    monkeypatch.setattr(path_picture, "launch_size", lambda channels: 3000)
     lamps = hg.Lamp(to_lamp=LAMP), hg.Lamp(to_lamp=EYE, spectrum=BLUE), hg.Lamp(to_lamp=(0, 0, 1))
     camera = hg.Camera(70, 50, (160.0, 160.0), (35.0, 25.0)).look_at((0.0, -1.0, 0.5), (0.0, 0.0, 0.0))
     ball = hg.Surface.sphere((0.0, 0.0, 0.0), 0.15, hg.Reflectance(0.25, 0.2, 0.3, 1.5, RED))

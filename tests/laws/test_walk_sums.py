@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 import hagoromo as hg
+from hagoromo.backend import name
 from hagoromo.image.settings import Settings
 from hagoromo.image.sums_channels import channels_of_sums, sums_of_channels
 from hagoromo.image.walk_sums import COVERED, TILE, Stop, Sums
+from hagoromo.image.walked import Walked
 from hagoromo.transport.palette import Palette
 
 WHITE = hg.Spectrum.constant(1.0)
@@ -45,7 +47,7 @@ def picture(draw, seed, error):
     while stop.goes_on(sums):
         for pixels, count in sums.launches(1 << 16):
             values = draw(random, truth.ravel()[pixels], count)
-            sums.add(pixels, np.stack([values, np.ones_like(values)], axis=-1).astype(np.float32))
+            sums.add(pixels, Walked.of(np.stack([values, np.ones_like(values)], axis=-1).astype(np.float32)), count)
     seen = sums.mean()[0][..., 0]
     off = np.sqrt(np.mean((seen - truth) ** 2)) / truth.mean()
     return off, seen.mean() / truth.mean(), sums.walks.reshape(SIDE, SIDE)
@@ -86,7 +88,7 @@ def rim_picture(cover, draw, seed, error):
         for pixels, count in sums.launches(1 << 16):
             hit = random.random((len(pixels), count)) < chance[pixels, None]
             values = hit * draw(random, np.ones(len(pixels)), count)
-            sums.add(pixels, np.stack([values, hit], axis=-1).astype(np.float32))
+            sums.add(pixels, Walked.of(np.stack([values, hit], axis=-1).astype(np.float32)), count)
     seen, matter = sums.mean()[0][..., 0].ravel(), chance > 0.0
     off = np.sqrt(np.mean((seen - chance)[matter] ** 2)) / chance[matter].mean()
     return off, seen[matter].mean() / chance[matter].mean()
@@ -124,13 +126,31 @@ def test_sums_are_the_same_bits_as_channels_of_a_file():
         sums_of_channels(channels)
 
 
+@pytest.mark.parametrize(("pixels", "walks", "channels"), [(1, 1, 1), (1, 7, 3), (5, 3, 1), (5, 4, 11)])
+def test_sums_are_those_of_numpy_walk_by_walk(pixels, walks, channels):
+    """In double precision, as NumPy adds them; single pixels, walks and channels, too. On the CPU the same bits."""
+    random = np.random.default_rng(4)
+    values = random.lognormal(0.0, 3.0, (pixels, walks, channels + 1)).astype(np.float32)
+    sums, luminance = random.random((pixels, channels + 2)), random.random(channels)
+    wanted, y = sums.copy(), np.zeros((pixels, walks))
+    for k in range(channels):
+        y += values[..., k].astype(np.float64) * luminance[k]
+    for walk in range(walks):
+        wanted[:, :-1] += values[:, walk]
+        wanted[:, -1] += np.square(y[:, walk].astype(np.float32))
+    found = Walked.of(values).added(sums, luminance, walks)
+    if name() == "llvm":
+        assert np.array_equal(found, wanted)
+    np.testing.assert_allclose(found, wanted, rtol=2e-7)  # on a GPU products and sums of Y may be joined
+
+
 def test_an_interrupt_finds_whole_rows():
     """A launch is in the table with all its numbers or none."""
     sums = sums_of_picture()
     sums.want(2)
     for pixels, count in sums.launches(700):
         before = sums.table.copy()
-        sums.add(pixels, np.ones((len(pixels), count, 2), np.float32))
+        sums.add(pixels, Walked.of(np.ones((len(pixels), count, 2), np.float32)), count)
         changed = (sums.table != before).any(axis=1)
         assert set(np.flatnonzero(changed)) == set(pixels)
         assert (sums.table[changed][:, [0, COVERED]] == sums.walks[changed][:, None]).all()

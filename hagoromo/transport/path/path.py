@@ -318,7 +318,8 @@ class Onwards:
 
 
 class Queue:
-    """Walks that wait for a lane, and what came of those that have ended.
+    """Walks that wait for a lane, and what came of those that have ended: `light`, the channels of each walk side by
+    side, and `events`, how often each was scattered.
 
     Walks have very different lengths. A lane that is done takes the next of the queue at once; otherwise all lanes of a
     packet would wait for the longest of their walks. What a walk brings does not depend on the lane that it has.
@@ -355,18 +356,10 @@ class Queue:
             dr.scatter(self.light, channel, walk * self.channels + k)
         dr.scatter(self.events, events, walk)
 
-    def results(self) -> tuple[list[Float], UInt]:
-        """Channels and events of all walks."""
-        jit = arrays()
-        lane = dr.arange(jit.UInt, self.count) * self.channels
-        return [dr.gather(jit.Float, self.light, lane + k) for k in range(self.channels)], self.events
-
 
 @dr.syntax
-def light_of_walks(
-    walks: Walks, origin: Array3f, direction: Array3f, random: Random, most: UInt
-) -> tuple[list[Float], UInt]:
-    """Weights of the radiance towards the origin of rays, by one walk each: see `Walks.channels`; and its events.
+def light_of_walks(walks: Walks, origin: Array3f, direction: Array3f, random: Random, most: UInt) -> Queue:
+    """One walk along each ray, and what came of it: weights of the radiance towards the origin, see `Walks.channels`.
 
     most: number of events of a walk, after which it ends.
     """
@@ -413,7 +406,7 @@ def light_of_walks(
             alive = walk < queue.size
             origin, direction, random = queue.start(walk)
             channels, carried, events, glass, onwards = fresh(walks, 1, colours)
-    return queue.results()
+    return queue
 
 
 def fresh(walks: Walks, count: int, colours: int) -> tuple[list[Float], list[Float], UInt, UInt, Onwards]:
