@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from hagoromo.backend import arrays, check_entries
+from hagoromo.backend import arrays, check_entries, lookup
 from hagoromo.errors import InputError
 from hagoromo.files.memory import require
 from hagoromo.volume.table import BrickTable, table_of
@@ -31,6 +31,15 @@ class Grid:
     each: int
     count: int
     first: int = 0
+
+    def of(self, bricks: np.ndarray) -> Any:
+        """Values of some bricks, by number (n,) uint32, a Dr.Jit array."""
+        import drjit as dr
+
+        jit = arrays()
+        lane, each = dr.arange(jit.UInt, len(bricks) * self.each), dr.opaque(jit.UInt, self.each)
+        brick = dr.gather(jit.UInt, lookup(jit.UInt, bricks), lane // each) + dr.opaque(jit.UInt, self.first)
+        return dr.gather(type(self.values), self.values, brick * each + lane % each)
 
     def read(self, begin: int, end: int) -> Any:
         """Values of the bricks `begin` … `end` − 1, a Dr.Jit array."""

@@ -50,6 +50,17 @@ def test_densities_come_back_exactly_and_axes_to_their_bits():
     assert (off < np.array([0.5 / 1023, 0.5 / 1023, 0.5 / 511]) + 2.0**-11).all()
 
 
+def test_some_bricks_are_read_as_each_of_them():
+    """Also where bricks of several boxes lie in one pool."""
+    boxes = [noise_box(k, (0.3 * k, 0.0, 0.0)) for k in (1, 2)]
+    Medium(boxes)
+    for box in boxes:
+        grid, numbers = box.bricks.density, np.array([3, 0, box.bricks.kept - 1], np.uint32)
+        each = [np.array(grid.read(number, number + 1)) for number in map(int, numbers)]
+        assert np.array_equal(np.array(grid.of(numbers)), np.concatenate(each))
+    assert boxes[1].bricks.density.first > 0
+
+
 @pytest.mark.parametrize("shape", [(17, 17, 17), (13, 40, 26)])
 def test_rays_meet_the_matter_of_every_voxel(shape):
     """One voxel at a time: the light along x that is lost behind it is that of its own tent, at the lattice's faces,

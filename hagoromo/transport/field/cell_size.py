@@ -59,11 +59,12 @@ def typical(box: VolumeBox) -> float:
     """The density where the matter of a box is, 0…1: its mean, weighed with itself; of texels the largest."""
     if box.texel:
         return densest(box)
-    total = squares = 0.0
-    for brick in np.unique(np.linspace(0, box.bricks.kept - 1, BRICKS_LOOKED_AT).astype(int)):
-        density = unpacked_density(np.array(box.bricks.density.read(int(brick), int(brick) + 1))).astype(np.float64)
-        total, squares = total + density.sum(), squares + np.square(density).sum()
-    return squares / total if total > 0.0 else 0.0
+    if not box.bricks.kept:
+        return 0.0
+    bricks = np.unique(np.linspace(0, box.bricks.kept - 1, BRICKS_LOOKED_AT).astype(np.uint32))
+    density = unpacked_density(np.array(box.bricks.density.of(bricks))).astype(np.float64)
+    total = float(density.sum())
+    return float(np.square(density).sum()) / total if total > 0.0 else 0.0
 
 
 def light_bytes(boxes: Sequence[VolumeBox], size: float, channels: int) -> float:

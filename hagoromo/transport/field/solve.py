@@ -184,7 +184,7 @@ class Anderson:
         count, last = len(self.changes), self.changes[-1]
         gram = np.zeros((count, count))
         gram[:-1, :-1] = self.products[-(count - 1) :, -(count - 1) :] if count > 1 else 0.0
-        gram[-1] = gram[:, -1] = [sum(map(_dot, change, last)) for change in self.changes]
+        gram[-1] = gram[:, -1] = [_product(change, last) for change in self.changes]
         self.products, size = gram, np.trace(gram)
         if not size > 0.0:
             return np.eye(count)[-1]
@@ -194,8 +194,10 @@ class Anderson:
 
 def norm(numbers: list[Float]) -> float:
     """Root of the sum of squares of the mean light."""
-    return float(np.sqrt(_dot(numbers[0], numbers[0])))
+    return math.sqrt(_product(numbers[:1], numbers[:1]))
 
 
-def _dot(a: Float, b: Float) -> float:
-    return float(np.dot(np.asarray(a, np.float64), np.asarray(b, np.float64)))
+def _product(a: list[Float], b: list[Float]) -> float:
+    """Σ a b over numbers and cells in double precision, with the same bits always."""
+    double = arrays().Float64
+    return float(np.sum(np.array(sum(double(x) * double(y) for x, y in zip(a, b, strict=True)))))
