@@ -20,12 +20,14 @@ def directions(seed, count=301):
     return [arrays().Array3f64(*(lookup(arrays().Float64, d[:, k]) for k in range(3))) for d in v]
 
 
+@pytest.mark.usefixtures("exact_derivatives")
 @pytest.mark.parametrize("element", ELEMENTS)
 @pytest.mark.parametrize("which", range(4), ids=("alpha", "beta", "gamma", "n"))
 def test_gradient_of_f(element, which):
     gradient_is_the_difference(element, which, FIGURES)
 
 
+@pytest.mark.usefixtures("exact_derivatives")
 @pytest.mark.parametrize("element", ["plane", "cylinder"])
 @pytest.mark.parametrize("which", [2, 3, 4], ids=("gamma", "n", "nu"))
 def test_gradient_of_f_with_tails(element, which):

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from hagoromo.app.info import info
-from hagoromo.backend import arrays
+from hagoromo.backend import arrays, name
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
 from hagoromo.image.ray_march import RayMarch
@@ -239,11 +239,15 @@ def test_the_opaque_limit_does_not_depend_on_the_extinction(element):
 
 
 def test_spheres_of_half_the_area_are_isotropic():
-    """A sphere's projected area is ½: twice the τ gives the same bits as isotropic extinction."""
+    """A sphere's projected area is ½: twice the τ gives the same bits as isotropic extinction; on a GPU, where products
+    and sums are joined in each kernel as its compiler likes, to a few units in the last place.
+    """
     there, same = (cloud("sphere", *how) for how in (("projected", 240.0), ("isotropic", 120.0)))
     way = unit([[0.3, -0.9, 0.2], [-0.1, 0.8, 0.5]])
     one, other = (through_middle(box, [Lamp(to_lamp=(0.4, -0.8, 0.6))], way, "march") for box in (there, same))
-    assert np.array_equal(one.weights, other.weights) and np.array_equal(one.transmittance, other.transmittance)
+    rounding = 0.0 if name() == "llvm" else 1e-6
+    np.testing.assert_allclose(one.weights, other.weights, rtol=rounding)
+    np.testing.assert_allclose(one.transmittance, other.transmittance, rtol=rounding)
 
 
 def test_each_box_of_a_scene_keeps_its_own_extinction():

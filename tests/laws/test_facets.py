@@ -83,6 +83,7 @@ def test_the_stable_quotients(kind):
         np.testing.assert_allclose(got, np.where(z == 0, 1, true(safe) / safe), rtol=digits)
 
 
+@pytest.mark.usefixtures("exact_derivatives")
 def test_the_derivative_by_the_tails_is_finite_everywhere():
     """Also at φ = 0, for large ν, and for entries without tails, where it is 0."""
     jit = arrays()

@@ -107,14 +107,17 @@ def test_barbules_leave_their_barb_at_their_angle():
 
 
 def test_hooklets_reach_below_distal_barbules():
-    """Beneath both kinds of barbule there is matter of hooklets alone, half rings that go down by hook_mm."""
+    """Beneath both kinds of barbule there is matter of hooklets alone, half rings that go down by hook_mm.
+
+    They take nothing away, but for the rounding of places [mm] in two kernels, over the width of an edge.
+    """
     with_hooks, without = (WHOLE._replace(barbules=Barbules(hooks=n, rise_mm=0.005)) for n in (4, 0))
     x, z = (m + np.arange(0.0, 0.9, 0.004) for m in MIDDLE)
     y = np.arange(0.024, 0.04, 0.004)
     hooked, bare = (density_of(made, x[:, None, None], y[:, None], z, 0.002) for made in (with_hooks, without))
     extra = (hooked - bare).sum(axis=(0, 2))
     assert extra.min() > 1.0
-    assert (hooked >= bare).all()
+    assert (hooked >= bare - 4.0 * np.spacing(np.float32(MIDDLE[1])) / 0.002).all()
 
 
 @pytest.mark.parametrize("voxel_mm", [0.004, 0.006, 0.05, 0.3])
