@@ -18,21 +18,22 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import re
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from backends_scenes import CASES, Case, sized
+from backends_scenes import CASES
 from scipy import stats
 
 import hagoromo as hg
 
+CHILD = Path(__file__).with_name("backends_child.py")
 VOXELS = 512
 BLOCK = 8  # px a side, of pictures with noise
 SIGNIFICANCE = 1e-3  # chance that pictures with noise that agree are refused
@@ -43,14 +44,10 @@ Facts = dict[str, Any]
 def main(arguments: Sequence[str] | None = None) -> int:
     """Render on every backend, compare with the first and print the table; gives the exit status."""
     asked = options().parse_args(arguments)
-    if asked.child:
-        child(asked)
-        return 0
     with tempfile.TemporaryDirectory(prefix="hagoromo-backends-") as folder:
         kept = asked.keep or Path(folder)
-        runs = [
-            run(name, kept / f"{k} {name}", k + bool(asked.reference), asked) for k, name in enumerate(asked.backends)
-        ]
+        first = int(bool(asked.reference))
+        runs = [run(name, kept / f"{k} {name}", k, asked) for k, name in enumerate(asked.backends, first)]
         if asked.reference:
             runs.insert(0, read(asked.reference))
         rows = [compared(one, other) for run_of in runs[1:] for one, other in pairs(runs[0], run_of)]
@@ -59,10 +56,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for row in rows:
         print(line_of(row))
     write(asked.out, runs, rows)
-    lone = [frame for frame in runs[0]["frames"] if "why_not" in frame] if len(runs) == 1 else []
-    is_good = all(row.get("agrees") for row in rows) and not lone
-    print("all agree" if is_good else "NOT all agree")
-    return 0 if is_good else 1
+    lost = [frame for run_of in runs for frame in run_of["frames"] if "why_not" in frame]
+    wanted = len(asked.scenes) * len(asked.lines) * (len(runs) - 1)
+    agree = sum(row["agrees"] for row in rows)
+    print(f"{agree} of {wanted} pictures agree" if len(runs) > 1 else "nothing to compare with")
+    return 0 if agree == wanted and not lost else 1
 
 
 def options() -> argparse.ArgumentParser:
@@ -70,6 +68,7 @@ def options() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--backends", nargs="+", default=["llvm", "cuda"])
     parser.add_argument("--lines", nargs="+", type=int, default=[1080, 2160])
+    parser.add_argument("--aspect", type=float, default=16 / 9, help="width of pictures over their height")
     parser.add_argument("--scenes", nargs="+", choices=CASES, default=list(CASES), metavar="SCENE")
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--voxels", type=int, default=VOXELS, help="voxels a side of the shell")
@@ -80,8 +79,6 @@ def options() -> argparse.ArgumentParser:
     parser.add_argument("--keep", type=Path, help="folder for records and pictures of all backends")
     parser.add_argument("--reference", type=Path, help="folder of a backend within a kept one, to compare with")
     parser.add_argument("--out", type=Path, default=Path("out/bench/backends.json"))
-    parser.add_argument("--child", type=Path, help=argparse.SUPPRESS)
-    parser.add_argument("--seed", type=int, default=0, help=argparse.SUPPRESS)
     return parser
 
 
@@ -91,19 +88,24 @@ def run(backend: str, folder: Path, seed: int, asked: argparse.Namespace) -> Fac
     environment = {**os.environ, "HAGOROMO_BACKEND": backend}
 
     def scene(name: str) -> None:
-        number = list(CASES).index(name)
-        command = [sys.executable, __file__, "--child", folder / f"{number}", "--scenes", name, "--seed", seed]
-        command += ["--rounds", asked.rounds, "--voxels", asked.voxels, "--lines", *asked.lines]
+        path = folder / f"{stem(name)}.json"
+        command = [sys.executable, CHILD, path.with_suffix(""), name, "--seed", seed, "--rounds", asked.rounds]
+        command += ["--voxels", asked.voxels, "--aspect", asked.aspect, "--lines", *asked.lines]
         why_not = ended([str(part) for part in command], environment, asked.seconds)
         if why_not:
-            frames = read_frames(folder / f"{number}.json")
+            frames = read_frames(path)
             lost = [{"scene": name, "lines": lines, "why_not": why_not} for lines in asked.lines[len(frames) :]]
-            save(folder / f"{number}.json", frames + lost)
+            save(path, frames + lost)
 
     save(folder / "doctor.json", facts_of(environment, asked.seconds))
     with ThreadPoolExecutor(asked.jobs) as pool:
         list(pool.map(scene, asked.scenes))
     return read(folder)
+
+
+def stem(name: str) -> str:
+    """The name of a scene as that of files."""
+    return "_".join(re.findall(r"\w+", name))
 
 
 def ended(command: list[str], environment: dict[str, str], seconds: float) -> str:
@@ -130,7 +132,7 @@ def facts_of(environment: dict[str, str], seconds: float) -> Facts:
 
 def read(folder: Path) -> Facts:
     """A backend of a kept folder: name, folder, what `doctor` says, and frames, each with times or `why_not`."""
-    frames = [frame for number in range(len(CASES)) for frame in read_frames(folder / f"{number}.json")]
+    frames = [frame for name in CASES for frame in read_frames(folder / f"{stem(name)}.json")]
     doctor = json.loads((folder / "doctor.json").read_text(encoding="utf-8"))
     return {"backend": folder.name.split()[-1], "folder": str(folder), "doctor": doctor, "frames": frames}
 
@@ -143,58 +145,6 @@ def save(path: Path, record: Any) -> None:
 def read_frames(path: Path) -> list[Facts]:
     """The frames of one scene, none where there is no record."""
     return json.loads(path.read_text(encoding="utf-8")) if path.exists() else []
-
-
-def child(asked: argparse.Namespace) -> None:
-    """Render one scene at every size on the backend of this process: a record, pictures, and PNGs to look at."""
-    (name,) = asked.scenes
-    case, frames = CASES[name], []
-    start = time.perf_counter()
-    scene = case.make(asked.voxels)
-    built = time.perf_counter() - start
-    for lines in asked.lines:
-        taken, values = [], {}
-        for _ in range(1 + asked.rounds):
-            start = time.perf_counter()
-            values = values_of(case, sized(scene, lines), asked.seed)
-            taken.append(time.perf_counter() - start)  # the first with the compilation of kernels
-        png = values.pop("png", None)
-        if png is not None:
-            hg.write_png(f"{asked.child}_{lines}.png", png)
-        np.savez_compressed(f"{asked.child}_{lines}.npz", allow_pickle=False, **values)
-        seconds = {"first_s": taken[0], "seconds": float(np.median(taken[1:] or taken)), "built_s": built}
-        frames.append(
-            {"scene": name, "lines": lines, "values": f"{asked.child.name}_{lines}.npz", **seconds, **memory()}
-        )
-        Path(f"{asked.child}.json").write_text(json.dumps(frames), encoding="utf-8", newline="\n")
-
-
-def values_of(case: Case, scene: hg.Scene, seed: int) -> dict[str, np.ndarray]:
-    """What is compared: colour and coverage, or Y and its variance where there is noise; or a gradient."""
-    if case.mode == "gradient":
-        shape = hg.render(scene, case.settings(), mode="full").weights.shape
-        weights = np.random.default_rng(1).random(shape)
-        return {"gradient": hg.full_gradient(scene, weights, case.settings()).values}
-    image = hg.render(scene, case.settings(seed), mode=case.mode)
-    values = {"png": image.display(), "alpha": image.alpha}
-    if image.variance is not None:
-        return values | {"y": image.xyz()[..., 1], "variance": image.variance}
-    return values | {"colour": image.linear_srgb().astype(np.float32)}
-
-
-def memory() -> Facts:
-    """Memory of this process, and on the GPU where NVIDIA's driver says it [GiB]."""
-    import psutil
-
-    found: Facts = {"memory_gib": psutil.Process().memory_info().rss / 2**30}
-    command = ["nvidia-smi", "--query-compute-apps=pid,used_memory", "--format=csv,noheader,nounits"]
-    try:
-        said = subprocess.run(command, capture_output=True, text=True, check=True, timeout=20).stdout
-    except (OSError, subprocess.SubprocessError):
-        return found
-    held = [line.split(",") for line in said.splitlines()]
-    own = [float(mib) / 2**10 for pid, mib in held if pid.strip() == str(os.getpid()) and mib.strip().isdigit()]
-    return found | ({"gpu_gib": own[0]} if own else {})
 
 
 def pairs(first: Facts, other: Facts) -> list[tuple[Facts, Facts]]:
@@ -278,7 +228,13 @@ def line_of(row: Facts) -> str:
 def write(path: Path, runs: list[Facts], rows: list[Facts]) -> None:
     """Write what was found, without the pictures."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    hg.write_json(path, {"compared": rows, "runs": runs})
+    finite = [{key: None if is_endless(value) else value for key, value in row.items()} for row in rows]
+    hg.write_json(path, {"compared": finite, "runs": runs})
+
+
+def is_endless(value: Any) -> bool:
+    """Whether a value is a number that JSON has not."""
+    return isinstance(value, float) and not np.isfinite(value)
 
 
 if __name__ == "__main__":

@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from orders_scenes import cloth
+from march import EYE, MATTER, TAU, VOXELS, reference_lamps, reference_voxels
+from orders_scenes import cloth, smoke
 from shells import FUZZY, MIDDLE, camera, lamps
 
 import hagoromo as hg
 
-ASPECT = 16 / 9
 RECIPES = Path(__file__).parents[1] / "examples" / "recipes"
 SMALLER = {  # recipes of minutes, made smaller; extinction as light of all orders needs it
     "skin": {"size_mm": 10.0},
@@ -79,6 +79,20 @@ def of_recipe(name: str) -> Callable[[int], hg.Scene]:
     return scene
 
 
+def reference_ball(_voxels: int) -> hg.Scene:
+    """The noisy ball of `march.py`."""
+    voxels, pose = reference_voxels(), np.eye(4)
+    pose[:3, 3] = -1.0
+    box = hg.VolumeBox.from_arrays(voxels[..., 0], voxels[..., 1:], 2 / VOXELS, TAU, [MATTER], pose=pose)
+    seen = hg.Camera(64, 64, (80.0, 80.0), (32.0, 32.0)).look_at(EYE, (0, 0, 0), (0, 1, 0))
+    return hg.Scene(seen, reference_lamps(0.0), (box,))
+
+
+def thin_smoke(_voxels: int) -> hg.Scene:
+    """The smoke of `orders.py`."""
+    return smoke().scene(64)
+
+
 def weave(_voxels: int) -> hg.Scene:
     """The dense white cloth of `orders.py`."""
     return cloth().scene(64)
@@ -107,6 +121,7 @@ def room(_voxels: int) -> hg.Scene:
 
 
 CASES: dict[str, Case] = {
+    "reference ball": Case(reference_ball),
     "shell": Case(shell),
     "shell, marched shadows": Case(shell, shadows="march"),
     "shell and ball": Case(shell_and_ball),
@@ -114,10 +129,12 @@ CASES: dict[str, Case] = {
     "skin": Case(of_recipe("skin")),
     "hair": Case(of_recipe("hair")),
     "linen": Case(of_recipe("linen")),
+    "smoke, path": Case(thin_smoke, "path", samples=WALKS, bound=None),
     "weave, path": Case(weave, "path", samples=WALKS, bound=None),
     "weave on floor, path": Case(weave_on_floor, "path", samples=WALKS, bound=None),
     "linen, path": Case(of_recipe("linen"), "path", samples=WALKS, bound=None),
     "room, path": Case(room, "path", samples=WALKS, bound=None),
+    "smoke, full": Case(thin_smoke, "full", bound=SETTLED),
     "weave, full": Case(weave, "full", bound=SETTLED),
     "weave on floor, full": Case(weave_on_floor, "full", bound=SETTLED),
     "linen, full": Case(of_recipe("linen"), "full", bound=SETTLED),
@@ -125,10 +142,10 @@ CASES: dict[str, Case] = {
 }
 
 
-def sized(scene: hg.Scene, lines: int) -> hg.Scene:
-    """The scene with a camera of another number of lines, in the format of film, with the same height of view."""
+def sized(scene: hg.Scene, lines: int, aspect: float) -> hg.Scene:
+    """The scene with a camera of another number of lines, `aspect` times as wide, with the same height of view."""
     first = scene.camera
-    focal, width = first.focal[1] * lines / first.height, round(lines * ASPECT)
+    focal, width = first.focal[1] * lines / first.height, round(lines * aspect)
     pose = first.world_to_camera
     return scene.with_camera(hg.Camera(width, lines, (focal, focal), (width / 2, lines / 2), world_to_camera=pose))
 

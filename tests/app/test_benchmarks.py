@@ -77,9 +77,12 @@ def test_pictures_of_two_backends_are_compared(backends, tmp_path, capsys):
     small = ["--lines", "18", "--rounds", "0", "--voxels", "64", "--out", str(out), "--scenes", "shell and ball"]
     assert backends.main(["--backends", "llvm", *small, "--keep", str(kept)]) == 0
     assert backends.main(["--backends", "llvm", *small, "--reference", str(kept / "0 llvm")]) == 0
-    assert "all agree" in capsys.readouterr().out
+    assert "1 of 1 pictures agree" in capsys.readouterr().out
     record = json.loads(out.read_text(encoding="utf-8"))
     assert [(row["scene"], row["difference"]) for row in record["compared"]] == [("shell and ball", 0.0)]
+    (kept / "0 llvm" / "shell_and_ball.json").unlink()
+    assert backends.main(["--backends", "llvm", *small, "--reference", str(kept / "0 llvm")]) == 1
+    assert "0 of 1 pictures agree" in capsys.readouterr().out
 
 
 def test_a_picture_that_differs_and_a_backend_that_does_not_work_are_told(backends, monkeypatch, tmp_path, capsys):
@@ -93,11 +96,13 @@ def test_a_picture_that_differs_and_a_backend_that_does_not_work_are_told(backen
     assert not found(picture["colour"] * np.float32(1.002))["agrees"]
     holed = np.where(np.arange(48).reshape(4, 4, 3) == 0, np.nan, picture["colour"])
     assert found(holed)["difference"] == np.inf and not found(holed)["agrees"]
+    backends.write(tmp_path / "holed.json", [], [found(holed)])
+    assert json.loads((tmp_path / "holed.json").read_text(encoding="utf-8"))["compared"][0]["difference"] is None
     monkeypatch.setenv("DRJIT_LIBLLVM_PATH", str(tmp_path / "absent.so"))
     arguments = ["--backends", "llvm", "--lines", "9", "--scenes", "shell", "--voxels", "32"]
     assert backends.main([*arguments, "--out", str(tmp_path / "backends.json")]) == 1
     said = capsys.readouterr().out
-    assert "llvm: no Dr.Jit backend works here" in said and "NOT all agree" in said
+    assert "llvm: no Dr.Jit backend works here" in said and "nothing to compare with" in said
 
 
 def test_pictures_with_noise_agree_within_it(backends):
