@@ -162,8 +162,9 @@ def _heard(event: str, given: tuple[Any, ...]) -> None:
     if event in CALLS:
         met.append(event)
         return
+    of_folder = event in CHANGES and isinstance(given[-1], int) and given[-1] >= 0  # by a number: not known here
     for place in given[: 2 if event in ("os.rename", "os.link") else 1]:
-        if isinstance(place, (str, bytes, os.PathLike)):
+        if isinstance(place, (str, bytes, os.PathLike)) and (os.path.isabs(place) or not of_folder):
             real = os.path.realpath(os.fsdecode(place))
             inside = f"{real}{os.sep}".startswith(f"{_watched['home']}{os.sep}")
             if real.startswith(f"{_watched['apart']}{os.sep}") and not inside:

@@ -21,7 +21,8 @@ Named = tuple[str, Path]
 def content(path: str | Path, quick: bool = False) -> str:
     """Digest of the file or folder at `path`: equal where names and bytes are; of nothing, "absent".
 
-    quick: of files in folders only names and sizes are taken, so that a volume box is not read.
+    quick: of files in folders only names and sizes are taken, so that a volume box is not read. A link in a folder that
+    leads out of it is not followed: no reader of the folder follows it.
     """
     return _content(Path(path), quick)
 
@@ -88,10 +89,21 @@ def _content(path: Path, quick: bool) -> str:
         return "absent"
     state = hashlib.sha256()
     for file in sorted(path.rglob("*")):
-        if file.is_file():
+        if file.is_file() and not _leads_outside(path, file):
             what = str(file.stat().st_size) if quick else _of_file(file)
             state.update(f"{file.relative_to(path).as_posix()}\0{what}\0".encode(errors="surrogateescape"))
     return state.hexdigest()
+
+
+def _leads_outside(folder: Path, file: Path) -> bool:
+    """Whether a file in a folder is a link out of it, to where the user did not allow."""
+    if not file.is_symlink():
+        return False
+    try:
+        inside(folder, str(file.relative_to(folder)))
+    except InputError:
+        return True
+    return False
 
 
 def _of_file(path: Path) -> str:

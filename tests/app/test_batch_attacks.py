@@ -20,6 +20,7 @@ from hagoromo.app.scheduler_options import SchedulerOptions
 from hagoromo.app.sensor_options import SensorOptions
 from hagoromo.app.verb import written_by_verb
 from hagoromo.errors import InputError
+from hagoromo.files.content import content
 from hagoromo.files.table import write_table
 
 COMMANDS = {function_of(case): case for case in reversed(CASES) if case.words[0] in VERBS}
@@ -327,3 +328,15 @@ def test_the_spectrum_of_a_lamp_is_an_input(home):
     write_table(home / "lamp.csv", {"wavelength_nm": [400, 700], "value": [1, 1]})
     (step,) = planned(home, {"words": ["expose", "a.exr", "--spectrum", "key=lamp.csv"], "out": "b.exr"})
     assert [(read.label, read.path) for read in step.inputs] == [("lamp.csv", home / "lamp.csv")]
+
+
+def test_the_digest_of_an_input_reads_nothing_outside(home):
+    """A folder with links that lead out of it: what lies there neither counts nor is opened."""
+    (home / "capture").mkdir()
+    (home / "capture" / "a.txt").write_text("a")
+    (home / "capture" / "inner.txt").symlink_to(home / "capture" / "a.txt")
+    before = content(home / "capture")
+    (home / "capture" / "outer.txt").symlink_to(home.parent / "secret.toml")
+    assert content(home / "capture") == before
+    (home / "capture" / "a.txt").write_text("b")
+    assert content(home / "capture") != before
