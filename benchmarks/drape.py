@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from hagoromo.matter.shape import sphere
 from hagoromo_matter.drape.collider import Collider
 from hagoromo_matter.drape.cut import Cut
-from hagoromo_matter.drape.settle import GRAVITY, STRAIN, Fabric, Fall, settled
+from hagoromo_matter.drape.settle import GRAVITY, STRAIN, ClothMechanics, Fall, settled
 from hagoromo_matter.drape.sheet import Sheet
 
 SIZE, SPACING, RADIUS, TOP = (60.0, 52.0), 1.7, 12.0, 25.0  # mm
@@ -71,7 +71,9 @@ def ours(levels: int) -> Sheet:
     def start(s: Any, t: Any) -> NDArray[np.floating]:
         return np.stack(np.broadcast_arrays(SIZE[0] * (s - 0.5), SIZE[1] * (t - 0.5), TOP), axis=-1)
 
-    return settled([Cut(*SIZE, start)], ball, Fabric(BENDING, FRICTION, CLEAR), Fall(SPACING, SECONDS, levels))[0]
+    return settled([Cut(*SIZE, start)], ball, ClothMechanics(BENDING, FRICTION, CLEAR), Fall(SPACING, SECONDS, levels))[
+        0
+    ]
 
 
 def newtons(iterations: int, seconds: float) -> Sheet:

@@ -16,7 +16,7 @@ from hagoromo.backend import arrays
 HASH_UNIT = 2.0**-24  # of the upper 24 bits of a hash
 
 
-class Cells(NamedTuple):
+class CellularNoise(NamedTuple):
     """Cellular noise: distances to the nearest and second nearest point [cells], and a number of the nearest."""
 
     nearest: Any
@@ -67,7 +67,7 @@ def gradient_noise(point: Any, seed: int | Any) -> Any:
     return _joined(values, part)
 
 
-def cellular_noise(point: Any, seed: int | Any, jitter: float = 1.0) -> Cells:
+def cellular_noise(point: Any, seed: int | Any, jitter: float = 1.0) -> CellularNoise:
     """Distances to the nearest random points, one in each cell (Worley, "A Cellular Texture Basis Function", 1996).
 
     jitter: 0 puts the points on a lattice, 1 anywhere in their cells.
@@ -83,7 +83,7 @@ def cellular_noise(point: Any, seed: int | Any, jitter: float = 1.0) -> Cells:
         second = dr.select(closer, nearest, dr.fmin(second, squared))
         number = dr.select(closer, numbers[0] ^ numbers[1], number)
         nearest = dr.select(closer, squared, nearest)
-    return Cells(dr.sqrt(dr.fmax(nearest, 1e-12)), dr.sqrt(second), number)
+    return CellularNoise(dr.sqrt(dr.fmax(nearest, 1e-12)), dr.sqrt(second), number)
 
 
 def _word(number: Any) -> Any:

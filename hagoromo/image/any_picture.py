@@ -19,7 +19,7 @@ from hagoromo.files.icc_reading import linear_by_profile
 from hagoromo.files.picture import read_picture
 from hagoromo.files.tiff import read_tiff
 from hagoromo.files.whole import replaceable_file
-from hagoromo.image.shown import Shown, srgb_values
+from hagoromo.image.shown import DisplayTransform, srgb_values
 from hagoromo.image.spectral_exr import is_spectral, spectral_of_channels
 from hagoromo.light.colour import srgb_decode
 
@@ -85,7 +85,7 @@ def convert_picture(
     """Write a picture as linear .exr or .hdr, or for the display as .png (8 bits) or .tif (16).
 
     peak: linear value that the display shows white (default: 1); what is brighter is cut off, or as the view of ACES
-    has it. display: see `Shown` (default: sRGB).
+    has it. display: see `DisplayTransform` (default: sRGB).
     """
     out, suffix = Path(out), Path(out).suffix.lower()
     if suffix not in LINEAR + DISPLAYED:
@@ -97,7 +97,7 @@ def convert_picture(
     if display is not None and suffix in LINEAR:
         raise InputError(f"{out.name} is linear, without a display (--display): leave it out, or write PNG or TIFF")
     replaceable_file(out, force)
-    shown, picture = Shown(display), read_any_picture(source)
+    shown, picture = DisplayTransform(display), read_any_picture(source)
     if suffix in LINEAR:
         linear = _three(picture.linear).astype(np.float32)
         if suffix == ".hdr":

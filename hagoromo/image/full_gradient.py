@@ -32,7 +32,7 @@ from hagoromo.transport.field.band_colours import ColoursAndShares
 from hagoromo.transport.field.cell_size import cell_size
 from hagoromo.transport.field.field import Field
 from hagoromo.transport.field.look_up_back import LookUpBack
-from hagoromo.transport.field.scattering import Scattering
+from hagoromo.transport.field.scattering import ScatteringTables
 from hagoromo.transport.field.sent_back import ByColour
 from hagoromo.transport.field.solve import Solver
 from hagoromo.transport.film import Film, tile_place, tiled
@@ -100,7 +100,7 @@ def _of_batch(scene: Scene, settings: Settings, bands: Bands, by_light: NDArray[
     palette, colours = prepared.palette, ColoursAndShares(bands, prepared.palette)
     size = cell_size(prepared.medium.boxes, len(palette.lamps) * bands.count)
     warn_if_deep(size, prepared.medium.boxes)
-    solver = Solver(prepared.medium, prepared.lighting, colours, Scattering(reflectances_of(scene)), size)
+    solver = Solver(prepared.medium, prepared.lighting, colours, ScatteringTables(reflectances_of(scene)), size)
     solution = solver.solved(settings.seed, None)
     flat, samples = by_light.reshape(-1, len(palette.lamps) * bands.count), settings.samples
     back = LookUpBack(Field(solver, solution, colours), palette.parts, float(np.abs(flat).max()) / samples)

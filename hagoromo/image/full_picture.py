@@ -35,7 +35,7 @@ from hagoromo.transport.field.field import Field
 from hagoromo.transport.field.joint import Joint, SurfaceLight
 from hagoromo.transport.field.links import LitSurfaces
 from hagoromo.transport.field.patches import Patches
-from hagoromo.transport.field.scattering import Scattering
+from hagoromo.transport.field.scattering import ScatteringTables
 from hagoromo.transport.field.solve import Solver
 from hagoromo.transport.film import Film
 from hagoromo.transport.palette import Palette, distinct, position_of
@@ -137,7 +137,7 @@ def light_of(
 
     def build() -> tuple[Field | None, SurfaceLight | None]:
         colours = BandColours(bands, prepared.palette)
-        scattering = Scattering(reflectances_of(scene), gamma_rows_of(scene))
+        scattering = ScatteringTables(reflectances_of(scene), gamma_rows_of(scene))
         solver = None
         if prepared.medium is not None:
             channels = len(prepared.palette.lamps) * bands.count

@@ -20,10 +20,10 @@ from hagoromo.transport.gamma_rows import STEP, gammas_between
 CHECKED_STEP = 1.05  # between the γ for which the light that is given back is checked
 LEAST_FACTOR = 1e-6  # on β, of a row of tables
 # What was found of two images, as long as they are there: a surface is made anew for every picture
-_IMAGES: WeakKeyDictionary[SurfaceTexture, WeakKeyDictionary[SurfaceTexture, list[Gloss]]] = WeakKeyDictionary()
+_IMAGES: WeakKeyDictionary[SurfaceTexture, WeakKeyDictionary[SurfaceTexture, list[GlossBounds]]] = WeakKeyDictionary()
 
 
-class Gloss(NamedTuple):
+class GlossBounds(NamedTuple):
     """A half width γ [rad], and the largest factor on β that goes with it."""
 
     gamma: float
@@ -35,26 +35,26 @@ class Gloss(NamedTuple):
         return replace(reflectance, gamma=self.gamma, beta=reflectance.beta * self.factor, lobes=lobes)
 
 
-def gloss_rows(gamma: SurfaceTexture, beta: SurfaceTexture | None) -> list[Gloss]:
+def gloss_rows(gamma: SurfaceTexture, beta: SurfaceTexture | None) -> list[GlossBounds]:
     """Each γ at steps of STEP, with the largest factor that places from there to the next one have."""
     gammas = gammas_between(*ends(gamma), STEP)
     if beta is None or not alike(gamma, beta):
-        return [Gloss(one, _overall(beta)) for one in gammas]
+        return [GlossBounds(one, _overall(beta)) for one in gammas]
     first = np.searchsorted(gammas, gamma.values.ravel(), side="right") - 1
     factors = _largest(first, beta.values.ravel(), len(gammas))
     for k in reversed(range(len(gammas) - 1)):  # γ that only lie between two places
         factors[k] = factors[k] or factors[k + 1]
-    return [Gloss(*each) for each in zip(gammas, np.maximum(factors, LEAST_FACTOR).tolist(), strict=True)]
+    return [GlossBounds(*each) for each in zip(gammas, np.maximum(factors, LEAST_FACTOR).tolist(), strict=True)]
 
 
-def widest_glosses(gamma: SurfaceTexture, beta: SurfaceTexture | None, corners: ArrayLike | None) -> list[Gloss]:
+def widest_glosses(gamma: SurfaceTexture, beta: SurfaceTexture | None, corners: ArrayLike | None) -> list[GlossBounds]:
     """Those that give back at least as much light as any place, also between pixels or vertices, to CHECKED_STEP.
 
     corners: (faces, 3) numbers of vertices, of textures of these.
     """
     largest = ends(gamma)[1]
     if beta is None or not alike(gamma, beta):
-        return [Gloss(largest, _overall(beta))]
+        return [GlossBounds(largest, _overall(beta))]
     if gamma.of == "vertices":
         return _widest(gamma, beta, corners)
     known = _IMAGES.setdefault(gamma, WeakKeyDictionary())
@@ -63,12 +63,12 @@ def widest_glosses(gamma: SurfaceTexture, beta: SurfaceTexture | None, corners: 
     return known[beta]
 
 
-def _widest(gamma: SurfaceTexture, beta: SurfaceTexture, corners: ArrayLike | None) -> list[Gloss]:
+def _widest(gamma: SurfaceTexture, beta: SurfaceTexture, corners: ArrayLike | None) -> list[GlossBounds]:
     edges = gammas_between(*ends(gamma), CHECKED_STEP)
     width, factor = (_around(texture, corners) for texture in (gamma, beta))
     factors = _largest(np.searchsorted(edges, width.ravel()), factor.ravel(), len(edges))
     wider = np.append(np.maximum.accumulate(factors[::-1])[::-1][1:], 0.0)
-    return [Gloss(edges[k], float(factors[k])) for k in np.flatnonzero(factors > wider).tolist()]
+    return [GlossBounds(edges[k], float(factors[k])) for k in np.flatnonzero(factors > wider).tolist()]
 
 
 def _overall(beta: SurfaceTexture | None) -> float:

@@ -23,7 +23,7 @@ from hagoromo.files.png import png_bytes
 from hagoromo.files.record import json_value
 from hagoromo.files.whole import whole_files
 from hagoromo.image.palette_record import palette_of_text, record_of_palette
-from hagoromo.image.shown import Shown
+from hagoromo.image.shown import DisplayTransform
 from hagoromo.image.sums_channels import channels_of_sums, sums_of_channels
 from hagoromo.light.colour import srgb_encode, srgb_from_xyz
 from hagoromo.light.spectrum import Spectrum
@@ -198,7 +198,7 @@ class Image:
         with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused below
             shown = self.linear_srgb()
             rgb = self.expose(response) if response else shown
-        header, way = {}, Shown(display)
+        header, way = {}, DisplayTransform(display)
         if denoise:
             from hagoromo.image.denoise import denoised, name_of_denoiser  # an extra
 

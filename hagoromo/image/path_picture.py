@@ -30,7 +30,7 @@ from hagoromo.image.render import (
 from hagoromo.image.scene import Scene
 from hagoromo.image.settings import Settings
 from hagoromo.image.unfinished import RenderInterrupted, sums_of, with_sums
-from hagoromo.image.walk_sums import Stop, Sums
+from hagoromo.image.walk_sums import Stop, WalkSums
 from hagoromo.image.walked import Walked
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.progress import Progress, part_of, silent
@@ -103,10 +103,10 @@ class _Scattered:
     white: Spectrum
 
 
-def _sums(scene: Scene, settings: Settings, scattered: _Scattered) -> Sums:
+def _sums(scene: Scene, settings: Settings, scattered: _Scattered) -> WalkSums:
     """No walks yet."""
     palette = replace(palette_of_scene(scene, settings), bands=scattered.bands.spectra)
-    return Sums(scene.camera.height, scene.camera.width, palette, scattered.white)
+    return WalkSums(scene.camera.height, scene.camera.width, palette, scattered.white)
 
 
 def _walk(
@@ -115,7 +115,7 @@ def _walk(
     cache: SceneCache,
     scattered: _Scattered,
     batch: tuple[int, float],
-    sums: Sums,
+    sums: WalkSums,
     progress: Progress,
 ) -> None:
     """Walk until all is in `sums`. batch: its number, and its share of the time that the picture may take."""

@@ -51,7 +51,7 @@ class SceneEnvironment(Record, frozen=True, kw_only=True):
     name: Annotated[str, about("name of the environment; default: that of the file")] = ""
 
 
-class Emission(Record, frozen=True, kw_only=True):
+class EmissionRecord(Record, frozen=True, kw_only=True):
     """Light that the front of a surface gives off, alike in all directions; it reflects light besides."""
 
     radiance: Annotated[float, about("radiance [W/(m² sr) times the unit of the spectrum]")]
@@ -65,7 +65,7 @@ def emission_from(record: dict[str, Any] | None, folder: Path, where: str) -> Su
     """The emission of a table [[surface]] of a file in `folder`; None without one."""
     if record is None:
         return None
-    key = decode(record, Emission, f"{where} emission")
+    key = decode(record, EmissionRecord, f"{where} emission")
     with described(f"{where} emission"):
         return SurfaceEmission(key.radiance, Spectrum.load(key.spectrum, folder), key.name)
 

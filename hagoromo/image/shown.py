@@ -23,7 +23,7 @@ LINEAR = "Linear Rec.709 (sRGB)"  # as that configuration calls linear sRGB
 OCIO_DISPLAYS = {"sRGB - Display": SRGB, "Display P3 - Display": DISPLAY_P3}
 
 
-class Shown:
+class DisplayTransform:
     """A way to show linear pictures. name: sRGB, Display P3, or a view such as "ACES 2.0 - SDR 100 nits (Rec.709)".
 
     profile: the display whose values they are. `InputError` for another name, which lists those there are.

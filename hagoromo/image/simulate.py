@@ -29,7 +29,7 @@ from hagoromo.progress import Progress, part_of, silent
 HIDDEN_SHARE = 1e-3  # share of a pixel's light from volume boxes above which its surface counts as hidden
 
 
-class Shape(NamedTuple):
+class VisibleShape(NamedTuple):
     """points (height, width, 3) [m], normals (height, width, 3) unit, world, both 0 where no surface is hit.
 
     surface: (height, width), index into the scene's surfaces, −1 where no surface is hit.
@@ -72,7 +72,7 @@ def simulate(
     return Capture(tuple(photographs), name, None, scene.record(), points, normals, stated, settings.seed)
 
 
-def visible_shape(scene: Scene) -> Shape:
+def visible_shape(scene: Scene) -> VisibleShape:
     """The shape of the scene's surfaces, of which there is one at least, as its camera sees it."""
     jit, origin = arrays(), origin_of(scene.surfaces, scene.camera)
     camera = camera_from(scene.camera, origin)
@@ -86,7 +86,7 @@ def visible_shape(scene: Scene) -> Shape:
     point = np.where(np.array(visible)[:, None], point + origin, 0.0)
     normal = dr.select(visible, normal, 0.0)
     size = (camera.height, camera.width)
-    return Shape(
+    return VisibleShape(
         point.reshape(*size, 3),
         np.array(normal, np.float32).T.reshape(*size, 3),
         np.where(np.array(visible), np.array(surface, np.int64), -1).reshape(size),

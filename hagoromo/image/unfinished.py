@@ -12,7 +12,7 @@ import numpy as np
 from hagoromo.errors import InputError
 from hagoromo.files.finite import finite_json
 from hagoromo.image.image import Image
-from hagoromo.image.walk_sums import BEYOND, MOST_WALKS, OLD_SQUARE, OLD_WALKS, SQUARE, WALKS, WANTED, Sums
+from hagoromo.image.walk_sums import BEYOND, MOST_WALKS, OLD_SQUARE, OLD_WALKS, SQUARE, WALKS, WANTED, WalkSums
 
 STOPS = ("samples", "error", "seconds")  # settings that say when to stop: others may be given when a run goes on
 
@@ -25,7 +25,7 @@ class RenderInterrupted(KeyboardInterrupt):
         self.image = image
 
 
-def with_sums(image: Image, sums: Sequence[Sums]) -> Image:
+def with_sums(image: Image, sums: Sequence[WalkSums]) -> Image:
     """A picture with the sums of each batch of lamps, marked as unfinished in its metadata."""
     tables = np.zeros((len(sums), image.alpha.size, max(own.table.shape[1] for own in sums)))
     for table, own in zip(tables, sums, strict=True):
@@ -35,7 +35,7 @@ def with_sums(image: Image, sums: Sequence[Sums]) -> Image:
     return replace(image, sums=tables.reshape(len(sums), *image.alpha.shape, -1), metadata=record)
 
 
-def sums_of(image: Image, record: Mapping[str, Any], sums: Sequence[Sums]) -> None:
+def sums_of(image: Image, record: Mapping[str, Any], sums: Sequence[WalkSums]) -> None:
     """Fill `sums`, one for each batch of lamps, with those of an unfinished picture.
 
     record: the metadata of what is to be rendered. `InputError` for a picture that is finished or of something else.

@@ -39,7 +39,7 @@ BEYOND = 7
 COVERED, SQUARE, WALKS, WANTED, OLD_Y, OLD_SQUARE, OLD_WALKS = range(-BEYOND, 0)
 
 
-class Sums:
+class WalkSums:
     """Sums over walks of the weights, the coverage, and the square of Y, of every pixel; and numbers of walks."""
 
     def __init__(self, height: int, width: int, palette: Palette, white: Spectrum) -> None:
@@ -175,7 +175,7 @@ class Stop:
         self.seconds = math.inf if settings.seconds is None else share * settings.seconds
         self.walks_before: float | None = None  # of this run
 
-    def goes_on(self, sums: Sums) -> bool:
+    def goes_on(self, sums: WalkSums) -> bool:
         """Whether more walks are wanted of some pixel, by the `sums`; at most twice as many at a time."""
         walks = sums.walks
         if self.walks_before is None:
@@ -187,7 +187,7 @@ class Stop:
         self.last = max(self.last, float(sums.table[:, WANTED].mean()))
         return bool((walks < wanted).any())
 
-    def _wanted(self, sums: Sums) -> NDArray[np.float64] | float:
+    def _wanted(self, sums: WalkSums) -> NDArray[np.float64] | float:
         settings, walks, least = self.settings, sums.walks, float(self.settings.samples)
         if settings.error is None and settings.seconds is None:
             return least
@@ -210,7 +210,7 @@ class Stop:
             return math.inf
         return 1.0 + here * (self.seconds / spent - 1.0) / done if here > 0.0 else 2.0
 
-    def _for_error(self, sums: Sums, error: float) -> NDArray[np.float64] | float:
+    def _for_error(self, sums: WalkSums, error: float) -> NDArray[np.float64] | float:
         now = sums.error()
         if now <= error:
             return 0.0
@@ -227,7 +227,7 @@ class Stop:
         lacking = lacking if lacking.any() else wanted > 0.0
         return np.where(lacking, np.maximum(wanted, GROWTH * sums.walks), 0.0)
 
-    def progress(self, sums: Sums) -> float:
+    def progress(self, sums: WalkSums) -> float:
         """Share that is done, 0…1."""
         return min(float(sums.walks.mean()) / max(self.last, 1.0), 1.0)
 

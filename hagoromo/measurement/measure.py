@@ -30,7 +30,7 @@ from hagoromo.measurement.normals.gloss_choice import GlossModel
 from hagoromo.measurement.normals.gloss_estimate import measurement_of, solved_gloss_map
 from hagoromo.measurement.normals.normals import NormalMap
 from hagoromo.measurement.rig_share import fitted_rig
-from hagoromo.measurement.surface.depth import Surface
+from hagoromo.measurement.surface.depth import DepthSurface
 from hagoromo.measurement.surface.large_capture import large_source, solve_large
 from hagoromo.measurement.surface.solved_surface import OwnLightUse, solve_surface
 from hagoromo.measurement.surface.tile_store import FolderSource
@@ -203,7 +203,7 @@ def _measure_tiles(
     return replace(measurement, materials=materials, body_spectra=body_spectra(coarse.capture, materials), fine=fine)
 
 
-def with_solved_shape(capture: Capture, normals: NormalMap, surface: Surface) -> Measurement:
+def with_solved_shape(capture: Capture, normals: NormalMap, surface: DepthSurface) -> Measurement:
     """The Measurement of `capture`, whose shape was solved."""
     measurement = measurement_of(capture, normals)
     return replace(

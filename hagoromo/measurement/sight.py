@@ -30,7 +30,7 @@ MOST_KEPT = 1 << 20  # numbers, of values that are kept for a next call with the
 NO_LAMP = Cosines(-1.0, -1.0, 1.0, 1.0)  # fills the place of an absent lamp: its irradiance is 0
 
 
-class Lobe(NamedTuple):
+class LobeSlopes(NamedTuple):
     """The interface per unit of β F₀ and its derivatives by ln γ, ln(n − 1) and the tail 1/ν: each (K, N, C)."""
 
     value: Array
@@ -79,7 +79,7 @@ class Sight:
         lobe = self.lobe(log_gamma, log_n1, np.zeros(len(log_gamma)) if tail is None else tail)
         return lobe.value, lobe.by_log_gamma, lobe.by_log_n1
 
-    def lobe(self, log_gamma: Array, log_n1: Array, tail: Array, with_tail: bool = False) -> Lobe:
+    def lobe(self, log_gamma: Array, log_n1: Array, tail: Array, with_tail: bool = False) -> LobeSlopes:
         """Value per unit of β F₀ at K rows (ln γ, ln(n − 1), 1/ν), and its derivatives: each (K, N, C).
 
         All but the facet density are the package's one implementation of eq. (3), in double precision, with its
@@ -92,7 +92,7 @@ class Sight:
         parts = (flat * density.value, flat * density.by_log_gamma, by_n * density.value)
         by_tail = self._sum_of_lamps(flat * density.by_tail) if with_tail else np.zeros(1)
         value, by_gamma, by_index = (self._sum_of_lamps(part) for part in parts)
-        return Lobe(value, by_gamma, by_index, by_tail)
+        return LobeSlopes(value, by_gamma, by_index, by_tail)
 
     @cached_property
     def _angle2(self) -> Array:

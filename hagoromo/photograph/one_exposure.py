@@ -41,7 +41,7 @@ KNOTS = 65  # of the variance of display-encoded numbers
 HOT_TIMES, HOT_DEVIATIONS = 4.0, 10.0  # of its brightest neighbour, above it: as `master.odd_samples` has them
 
 
-class Frame(NamedTuple):
+class ExposureFrame(NamedTuple):
     """An exposure, the curve that linearised it (None: linear numbers or light), and its noise-free rounding apart.
 
     The exposure's own `rounding` is 0 where a curve linearised it: the variance model has it as a curve.
@@ -51,7 +51,7 @@ class Frame(NamedTuple):
     transfer: Transfer | None
 
 
-class Light(NamedTuple):
+class ExposureLight(NamedTuple):
     """values: (height, width, C) float32, the white level as 1 (light in files keeps its unit). valid: (height, width).
 
     variance: of the values. hot: share of samples that stand out as hot ones do.
@@ -63,18 +63,18 @@ class Light(NamedTuple):
     hot: float
 
 
-def read_frame(path: Path, stated: StatedExposure, middle: bool = False) -> Frame:
+def read_frame(path: Path, stated: StatedExposure, middle: bool = False) -> ExposureFrame:
     """The frame at `path`; middle: of its middle alone, a square of NOISE_SIDE, with the rounding of each sample.
 
     `InputError` as `read_exposure` raises it, such as for 8 bits without a stated transfer.
     """
     if path.suffix.lower() not in (*PICTURES, *TIFFS):
         exposure = read_exposure(path, stated)
-        return Frame(_middle(exposure) if middle else exposure, None)
+        return ExposureFrame(_middle(exposure) if middle else exposure, None)
     image = (read_tiff if path.suffix.lower() in TIFFS else read_picture)(path)
     if image.dtype.kind == "f":
         exposure = read_exposure(path, stated)
-        return Frame(_middle(exposure) if middle else exposure, None)
+        return ExposureFrame(_middle(exposure) if middle else exposure, None)
     levels = stated_levels(image, path, stated)
     if middle:
         image = image[_middle_of(image.shape)]
@@ -91,10 +91,10 @@ def read_frame(path: Path, stated: StatedExposure, middle: bool = False) -> Fram
         signal, ceiling = _looked_up(levels.transfer, numbers, floor), ceiling - floor
         rounding = levels.transfer.light(numbers)[1] if middle else 0.0
     exposure = Exposure(signal, rounding, full, ceiling, levels.mosaic, Exif(), path.name)
-    return Frame(exposure, levels.transfer)
+    return ExposureFrame(exposure, levels.transfer)
 
 
-class Levels(NamedTuple):
+class SensorLevels(NamedTuple):
     """black, white [DN], the curve of the numbers (None: linear) and the mosaic ("": none)."""
 
     black: float
@@ -103,7 +103,7 @@ class Levels(NamedTuple):
     mosaic: str
 
 
-def stated_levels(image: NDArray, path: Path, stated: StatedExposure) -> Levels:
+def stated_levels(image: NDArray, path: Path, stated: StatedExposure) -> SensorLevels:
     """The levels of 8 or 16 bits; `InputError` for 8 bits without a transfer, levels that make none, and a mosaic that
     shows and is not stated.
     """
@@ -120,7 +120,7 @@ def stated_levels(image: NDArray, path: Path, stated: StatedExposure) -> Levels:
     if not 0.0 <= black < white <= largest:
         raise InputError(f"{path}: black {black:g} must be below white {white:g}, both within 0–{largest} DN")
     if stated.transfer is None or stated.transfer == "linear":
-        return Levels(black, white, None, mosaic)
+        return SensorLevels(black, white, None, mosaic)
     curve = stated.transfer if isinstance(stated.transfer, Transfer) else Transfer.load(stated.transfer, largest)
     if len(curve.table) != largest + 1:
         raise InputError(
@@ -128,7 +128,7 @@ def stated_levels(image: NDArray, path: Path, stated: StatedExposure) -> Levels:
         )
     if curve.table.shape[1] not in (1, image.shape[2] if image.ndim == 3 else 1):
         raise InputError(f"{path} has one channel and its transfer curve three: give a curve with one")
-    return Levels(black, white, curve, mosaic)
+    return SensorLevels(black, white, curve, mosaic)
 
 
 def _looked_up(transfer: Transfer, numbers: NDArray, floor: float) -> NDArray[np.float32]:
@@ -142,7 +142,7 @@ def _looked_up(transfer: Transfer, numbers: NDArray, floor: float) -> NDArray[np
     return signal
 
 
-def light_of(frame: Frame, noise: Noise, dark: Dark | None = None, flat: Flat | None = None) -> Light:
+def light_of(frame: ExposureFrame, noise: Noise, dark: Dark | None = None, flat: Flat | None = None) -> ExposureLight:
     """The light of one frame, less a dark frame and over a flat field, where they are given; noise: of its sensor."""
     exposure, transfer = frame
     unit = exposure.unit or exposure.white
@@ -160,7 +160,7 @@ def light_of(frame: Frame, noise: Noise, dark: Dark | None = None, flat: Flat | 
         values, valid = interpolated(signal, exposure.mosaic), ~spoilt_by(spoilt)
     else:
         values, valid = signal, np.asarray(~spoilt.any(axis=2), np.bool_)
-    return Light(values, valid, model, float(hot.mean()))
+    return ExposureLight(values, valid, model, float(hot.mean()))
 
 
 def light_with_gaps(exposure: Exposure) -> NDArray[np.float32]:

@@ -32,7 +32,7 @@ VALID = "valid."  # EXR channels that tell where each colour is valid; A tells w
 LARGEST_VALUE = 1e15  # whose square, over a full well, is a number in single precision
 
 
-class Pixels(NamedTuple):
+class DevelopedPixels(NamedTuple):
     """values, variance, native: as `Photograph`; valid (height, width); sensor: None if its parameters are assumed."""
 
     values: NDArray[np.float32]
@@ -42,7 +42,9 @@ class Pixels(NamedTuple):
     sensor: Sensor | None
 
 
-def read_pixels(path: Path, frame: ImageSettings, channels: Sequence[str], demosaic: Demosaic, where: str) -> Pixels:
+def read_pixels(
+    path: Path, frame: ImageSettings, channels: Sequence[str], demosaic: Demosaic, where: str
+) -> DevelopedPixels:
     """Pixels of the image at `path`.
 
     frame: its `sensor`, `transfer`, `exposure_s` and `iso` (None: as a RAW file states, else 1 s and 100). channels:
@@ -73,7 +75,7 @@ def read_pixels(path: Path, frame: ImageSettings, channels: Sequence[str], demos
     else:
         values, variance, valid = develop_raw(raw, replace(sensor, mosaic=mosaic), demosaic)
     native = native_channels(sensor, *numbers.shape[:2]) if mosaic else None
-    return Pixels(values, variance, valid & opaque, native, known)
+    return DevelopedPixels(values, variance, valid & opaque, native, known)
 
 
 def read_mask(path: Path, shape: tuple[int, int]) -> NDArray[np.bool_]:
@@ -107,7 +109,7 @@ def default_channels(count: int) -> tuple[str, ...]:
     return {1: ("Y",), 3: ("R", "G", "B")}.get(count, tuple(f"band{i:03d}" for i in range(count)))
 
 
-def _from_raw(path: Path, frame: ImageSettings, demosaic: Demosaic, where: str) -> Pixels:
+def _from_raw(path: Path, frame: ImageSettings, demosaic: Demosaic, where: str) -> DevelopedPixels:
     """Camera RAW, with the file's levels, mosaic and exposure unless the frame states others."""
     sensor_keys = frame.sensor
     settings = StatedExposure(
@@ -119,10 +121,12 @@ def _from_raw(path: Path, frame: ImageSettings, demosaic: Demosaic, where: str) 
     values, variance, valid = develop_raw(shot.signal, sensor, demosaic)
     native = native_channels(sensor, *shot.signal.shape[:2])
     known = sensor if {"gain", "read_noise"} <= set(sensor_keys) else None
-    return Pixels(values, variance, valid, native, known)
+    return DevelopedPixels(values, variance, valid, native, known)
 
 
-def _from_exr(path: Path, channels: Sequence[str], scale: float, model: Mapping[str, Any] | None, where: str) -> Pixels:
+def _from_exr(
+    path: Path, channels: Sequence[str], scale: float, model: Mapping[str, Any] | None, where: str
+) -> DevelopedPixels:
     layers, _ = read_exr(path)
     names = [name for name in layers if not name.startswith((VARIANCE, NATIVE, VALID)) and name != ALPHA]
     for order in (tuple(channels), default_channels(len(names))):
@@ -148,7 +152,7 @@ def _from_exr(path: Path, channels: Sequence[str], scale: float, model: Mapping[
     valid = np.asarray(finite & np.isfinite(variance).all(axis=2), np.bool_)
     if ALPHA in layers:
         valid &= layers[ALPHA] == 1.0
-    return Pixels(values / np.float32(scale), variance / np.float32(scale**2), valid, native, None)
+    return DevelopedPixels(values / np.float32(scale), variance / np.float32(scale**2), valid, native, None)
 
 
 def _opaque(image: NDArray) -> tuple[NDArray, NDArray[np.bool_]]:

@@ -14,7 +14,7 @@ from typing import Any
 import drjit as dr
 
 from hagoromo.backend import Array3f, Bool, Float, Int, UInt, arrays, clip
-from hagoromo.transport.frames import DENSEST, Frame, Frames
+from hagoromo.transport.frames import DENSEST, BoxFrame, Frames
 
 LATTICE_MARGIN = 1e-3  # [voxel] from the last voxel centre that samples keep, so that interpolation stays inside
 NUDGE = 1e-3  # [voxel] ahead of the begin of an interval where its cell is looked up; no interval of a cell is shorter
@@ -66,7 +66,7 @@ class MarchState:
 
 
 @dataclass
-class Step:
+class MarchInterval:
     """The next interval of a slot, and the extinction along it: σ(x) = (depth / length) (1 + growth (2x − 1)), where x
     runs from 0 to 1.
     """
@@ -155,11 +155,11 @@ class Crossing:
             return ray.probe
         return ray.probe * dr.select(begin == 0.0, 1.0 - self.phase, 1.0)
 
-    def advance(self, step: Step, state: MarchState) -> MarchState:
+    def advance(self, step: MarchInterval, state: MarchState) -> MarchState:
         """Go behind an interval."""
         return self.open(step, state, step.end)
 
-    def open(self, step: Step, state: MarchState, begin: Float) -> MarchState:
+    def open(self, step: MarchInterval, state: MarchState, begin: Float) -> MarchState:
         """Make the interval from `begin` to the end of `step` the open one of its slot."""
         if len(state.ends) == 1:
             begins, ends = [begin], [step.end]
@@ -219,7 +219,7 @@ class Crossing:
             probe, frame.last, frame.tau, DENSEST / voxel, frame.step, frame.row, frame.layer, frame.first, level,
         )  # fmt: skip
 
-    def span(self, frame: Frame) -> tuple[Array3f, Array3f, Float, Float]:
+    def span(self, frame: BoxFrame) -> tuple[Array3f, Array3f, Float, Float]:
         """Origin and direction on a lattice, and the distances [m] where the ray enters and leaves its matter."""
         jit, (x, y, z) = arrays(), frame.columns
         start = self.origin.x * x + self.origin.y * y + self.origin.z * z + frame.shift

@@ -23,7 +23,7 @@ import numpy as np
 
 from hagoromo.backend import Array3f, Bool, Float, arrays
 from hagoromo.errors import InputError
-from hagoromo.transport.crossing import Cone, Crossing, MarchState, Step, selected
+from hagoromo.transport.crossing import Cone, Crossing, MarchInterval, MarchState, selected
 from hagoromo.transport.frames import DEFAULT_TOLERANCE
 from hagoromo.transport.lighting import AttenuationOfAll, ShadowRay
 from hagoromo.transport.march import OPAQUE_OPTICAL_DEPTH
@@ -66,7 +66,7 @@ class DifferentiableMedium(Medium):
         """See `Medium.without_matter`."""
         return depth <= self.empty
 
-    def _in_cell(self, step: Step, direction: Array3f, limit: Limit | None) -> Step:
+    def _in_cell(self, step: MarchInterval, direction: Array3f, limit: Limit | None) -> MarchInterval:
         stored = replace(step, brick=dr.maximum(step.brick, 0))  # empty bricks are computed, too, and not chosen
         return replace(super()._in_cell(stored, direction, limit), brick=step.brick)
 

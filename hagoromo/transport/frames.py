@@ -22,7 +22,7 @@ ROW_FLOATS = 32  # per box: 4 × 3 lattice from world, 3 last voxel, tau, step, 
 
 
 @dataclass
-class Frame:
+class BoxFrame:
     """A box as numbers that kernels read: another pose or voxel size does not compile anew."""
 
     columns: list[Array3f]  # lattice_from_world: directions
@@ -59,17 +59,17 @@ class Frames:
             numbers[:] = mx, mx * my, start
         self.floats, self.whole = lookup(jit.Float, floats), lookup(jit.Int, whole)
         self.boxes = dr.opaque(jit.UInt, len(boxes))
-        self.only: tuple[Frame, list[Array3f]] | None = None
+        self.only: tuple[BoxFrame, list[Array3f]] | None = None
         if self.count == 1:  # numbers common to all rays cost no reads
             x, y, z, shift, last = (opaque_vector(floats[0, k : k + 3]) for k in range(0, 15, 3))
             tau, step = (dr.opaque(jit.Float, float(v)) for v in floats[0, 15:17])
             row, layer, first = (dr.opaque(jit.Int, int(v)) for v in whole[0])
             rotation = [opaque_vector(floats[0, k : k + 3]) for k in (17, 20, 23)]
             bounds = opaque_vector(floats[0, 26:29]), opaque_vector(floats[0, 29:32])
-            self.only = Frame([x, y, z], shift, last, bounds, tau, step, row, layer, first), rotation
+            self.only = BoxFrame([x, y, z], shift, last, bounds, tau, step, row, layer, first), rotation
         dr.eval(self.floats, self.whole)
 
-    def frame(self, box: UInt) -> Frame:
+    def frame(self, box: UInt) -> BoxFrame:
         """The frame of box number `box` (UInt)."""
         if self.only:
             return self.only[0]
@@ -78,7 +78,7 @@ class Frames:
         tau, step = (dr.gather(jit.Float, self.floats, box * ROW_FLOATS + k) for k in (15, 16))
         row, layer, first = (dr.gather(jit.Int, self.whole, box * 3 + k) for k in range(3))
         bounds = self._vector(box, 26), self._vector(box, 29)
-        return Frame([x, y, z], shift, last, bounds, tau, step, row, layer, first)
+        return BoxFrame([x, y, z], shift, last, bounds, tau, step, row, layer, first)
 
     def rotation(self, box: UInt) -> list[Array3f]:
         """Axes of box number `box` in the world."""

@@ -12,13 +12,13 @@ from typing import Any
 import drjit as dr
 
 from hagoromo.backend import Float, Int, UInt, arrays, clip
-from hagoromo.transport.crossing import Crossing, MarchState, Step, selected
+from hagoromo.transport.crossing import Crossing, MarchInterval, MarchState, selected
 from hagoromo.transport.medium import depth_share
 
 
 @dataclass
 class Interval:
-    """The open interval of a slot: its extinction as in `Step`, and the optical depth in front of it."""
+    """The open interval of a slot: its extinction as in `MarchInterval`, and the optical depth in front of it."""
 
     depth: Float
     growth: Float
@@ -33,12 +33,12 @@ def nothing_open(count: int) -> Interval:
     return Interval(*(dr.zeros(kind, count) for kind in (jit.Float, jit.Float, jit.Int, jit.Float, jit.Float)))
 
 
-def opened(step: Step, last: Interval, depth: Float) -> Interval:
+def opened(step: MarchInterval, last: Interval, depth: Float) -> Interval:
     """The interval of a step, behind the `last` one of its slot; depth: optical depth of all boxes in front of it."""
     return Interval(step.depth, step.growth, step.brick, last.box_before + last.depth, depth)
 
 
-def depth_at(crossing: Crossing, state: MarchState, intervals: list[Interval], step: Step) -> Float:
+def depth_at(crossing: Crossing, state: MarchState, intervals: list[Interval], step: MarchInterval) -> Float:
     """Optical depth of all boxes in front of the begin of a step: that of each, with its part of the open interval."""
     if len(intervals) == 1:
         return intervals[0].before + intervals[0].depth
@@ -50,7 +50,7 @@ def depth_at(crossing: Crossing, state: MarchState, intervals: list[Interval], s
     return depth
 
 
-def boxes_at(crossing: Crossing, state: MarchState, step: Step) -> Float:
+def boxes_at(crossing: Crossing, state: MarchState, step: MarchInterval) -> Float:
     """Number of boxes that a ray is in where a step begins."""
     rays, one = crossing.slot_rays(state), arrays().Float(1)
     if len(rays) == 1:

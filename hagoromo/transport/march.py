@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import drjit as dr
 
 from hagoromo.backend import Array3f, Bool, Float, UInt, arrays, clip
-from hagoromo.transport.crossing import Cone, Crossing, Step, selected
+from hagoromo.transport.crossing import Cone, Crossing, MarchInterval, selected
 from hagoromo.transport.intervals import boxes_at, depth_at, in_slot, nothing_open, opened, put
 from hagoromo.transport.lighting import Lighting
 from hagoromo.transport.medium import Limit, Medium, share_at_depth
@@ -30,7 +30,7 @@ SLOW_RATE = 0.4  # a step may be 1 / (SLOW_RATE (1 + rate)) of the deepest one
 
 
 @dataclass
-class Sample:
+class LitSample:
     """A lit sample of a step. `rates`: −d ln(transmittance from the lamps) / d(optical depth to the eye).
 
     Lists have an entry for every lamp, `light` one for every lamp and colour.
@@ -152,7 +152,7 @@ def march(
             begin, end = in_slot(state.begins, step.slot), step.begin
             distance = dr.fma(share_at_depth(share, interval.growth), end - begin, begin)
             place = step.ray.inside(step.ray.at(begin + crossing.probe(step.ray, begin)))
-            lit = Step(step.slot, step.ray, begin, end, place, interval.brick, total, interval.growth)
+            lit = MarchInterval(step.slot, step.ray, begin, end, place, interval.brick, total, interval.growth)
             point = dr.fma(direction, distance + step.ray.near, origin)
             coloured = medium.sample(lit, dr.fma(share, end - begin, begin))
             light, lamps, smooth = radiance_from_sample(
@@ -160,7 +160,9 @@ def march(
             )
             log_lamps = logarithms(lamps)
             rates = sample.rates_to(step.ray.box, log_lamps, dr.fma(share, total, interval.before))
-            new = Sample(step.ray.box, interval.depth, total, interval.before, share, log_lamps, rates, light, smooth)
+            new = LitSample(
+                step.ray.box, interval.depth, total, interval.before, share, log_lamps, rates, light, smooth
+            )
             complete, new, rates = in_order(medium, sample, new, rates)
             channels = accumulated(lighting, channels, complete.gains(rates), complete.light)
             channels = with_smooth(lighting, channels, complete.smooth_gain(), complete.smooth)
@@ -180,7 +182,9 @@ def last_depth(medium: Medium) -> Float:
     return arrays().Float(OPAQUE_OPTICAL_DEPTH) if medium.differentiable else -dr.log(cut)
 
 
-def in_order(medium: Medium, last: Sample, new: Sample, rates: list[Float]) -> tuple[Sample, Sample, list[Float]]:
+def in_order(
+    medium: Medium, last: LitSample, new: LitSample, rates: list[Float]
+) -> tuple[LitSample, LitSample, list[Float]]:
     """The sample whose light is complete, the one that waits for the next sample, and the rates behind the former.
 
     A new sample in a cell without matter, which only a medium for derivatives has, tells nothing of the light around it
@@ -193,7 +197,7 @@ def in_order(medium: Medium, last: Sample, new: Sample, rates: list[Float]) -> t
     return selected(empty, new, last), selected(empty, last, new), rates
 
 
-def limit(crossing: Crossing, step: Step, sample: Sample, boxes: Float) -> Limit:
+def limit(crossing: Crossing, step: MarchInterval, sample: LitSample, boxes: Float) -> Limit:
     """Parts of the step behind a sample: more of them where the light that arrives changes faster than the eye's."""
     lit, rate = sample.lit(step.ray.box), dr.fmin(sample.mean_rate(), LARGEST_RATE)
     faster = dr.select(lit, dr.fmax(SLOW_RATE * (1.0 + rate), 1.0), 1.0 / FIRST_STEP)
@@ -201,7 +205,7 @@ def limit(crossing: Crossing, step: Step, sample: Sample, boxes: Float) -> Limit
     faster *= dr.select(lit, clip(sample.total / dr.fmax(sample.depth, 1e-12), 1.0, dr.fmax(boxes, 1.0)), boxes)
     faster = dr.detach(faster)
 
-    def parts(step: Step) -> Float:
+    def parts(step: MarchInterval) -> Float:
         return dr.ceil(
             dr.fmax(step.depth * faster / crossing.frames.deepest, (step.end - step.begin) / step.ray.longest)
         )
@@ -209,16 +213,16 @@ def limit(crossing: Crossing, step: Step, sample: Sample, boxes: Float) -> Limit
     return parts
 
 
-def no_sample(count: int, lighting: Lighting) -> Sample:
+def no_sample(count: int, lighting: Lighting) -> LitSample:
     """The sample before the first."""
     box, nothing, lamps = dr.zeros(arrays().UInt, count), dr.zeros(arrays().Float, count), len(lighting.lamps)
     each, light = [nothing] * lamps, [nothing] * (lamps * len(lighting.materials.palette.colours))
     smooth = [nothing] * (lighting.channels - lighting.materials.palette.channels)
-    return Sample(box, nothing, nothing, nothing, nothing, each, each, light, smooth)
+    return LitSample(box, nothing, nothing, nothing, nothing, each, each, light, smooth)
 
 
 def finished(
-    lighting: Lighting, channels: list[Float], samples: list[Sample], depth: Float, ended: Bool
+    lighting: Lighting, channels: list[Float], samples: list[LitSample], depth: Float, ended: Bool
 ) -> list[Float]:
     """The channels with the last sample of every slot. Those in which the ray `ended` share all matter behind."""
     last = [ended & (sample.before + sample.total > depth - 1e-3) & (sample.depth > 0.0) for sample in samples]
@@ -256,7 +260,7 @@ def logarithms(transmittances: list[Float]) -> list[Float]:
 
 
 def radiance_from_sample(
-    medium: Medium, lighting: Lighting, step: Step, coloured: Step, point: Array3f, direction: Array3f
+    medium: Medium, lighting: Lighting, step: MarchInterval, coloured: MarchInterval, point: Array3f, direction: Array3f
 ) -> tuple[list[Float], list[Float], list[Float]]:
     """Radiance that the matter at `point` sends back along the ray: its weights, of every lamp and colour; the
     transmittance from every lamp; and the radiance of higher orders, where there is a field of them.

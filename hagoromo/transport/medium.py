@@ -28,10 +28,10 @@ import numpy as np
 
 from hagoromo.backend import Array3f, Array4f, Bool, Float, Int, UInt, arrays, clip, lookup
 from hagoromo.transport.chart import SurfacePoint, surface_frame, surface_point_at
-from hagoromo.transport.crossing import LAST_IN_CELL, Cone, Crossing, MarchState, Ray, Step
+from hagoromo.transport.crossing import LAST_IN_CELL, Cone, Crossing, MarchInterval, MarchState, Ray
 from hagoromo.transport.element_kinds import Kinds
 from hagoromo.transport.flakes import flakes_of
-from hagoromo.transport.frames import DEFAULT_TOLERANCE, Frame, Frames
+from hagoromo.transport.frames import DEFAULT_TOLERANCE, BoxFrame, Frames
 from hagoromo.transport.sample import Element, TexelHit
 from hagoromo.transport.textures import SeenAlong
 from hagoromo.volume.box import VolumeBox
@@ -54,7 +54,7 @@ LEAST_DEPTH = 1e-30  # that single precision computes with
 CLEARANCE_SHARE = 0.8  # share of a clearance that one step may skip: it is interpolated, not exact
 MOST_PARTS_IN_TEXEL = 64.0  # of a step in a texel
 GAUSS_NODE = 1.0 / math.sqrt(3.0)  # of two, from the middle of an interval, in halves of it
-Limit = Callable[[Step], Float]  # into how many parts of equal optical depth a step is cut
+Limit = Callable[[MarchInterval], Float]  # into how many parts of equal optical depth a step is cut
 NO_GRID = -(2**31)  # stands for the shift of a box without such a grid
 
 
@@ -103,7 +103,7 @@ class Medium:
         """
         return Crossing(self.frames, (origin, direction, near, far), phase, cone)
 
-    def next(self, crossing: Crossing, state: MarchState) -> Step:
+    def next(self, crossing: Crossing, state: MarchState) -> MarchInterval:
         """The next interval of the slot whose open interval ends first; its extinction is not looked up yet."""
         jit = arrays()
         slot, begin, ray = crossing.nearest(state)
@@ -111,16 +111,16 @@ class Medium:
         inside = ray.inside(place)
         brick = self.brick_at(ray, inside)
         end = crossing.interval_end(ray, begin, place, brick)
-        return Step(slot, ray, begin, end, inside, brick, jit.Float(0), jit.Float(0))
+        return MarchInterval(slot, ray, begin, end, inside, brick, jit.Float(0), jit.Float(0))
 
-    def at(self, box: UInt, place: Array3f, brick: Int) -> Step:
+    def at(self, box: UInt, place: Array3f, brick: Int) -> MarchInterval:
         """A place in a stored brick of a box, as a step without length; in a texel at its finest level."""
         nowhere = Crossing(self.frames, (place, place, arrays().Float(0), arrays().Float(0)), 0.0, (0.0, 0.0))
         zero = arrays().Float(0)
-        return Step(arrays().UInt(0), nowhere.ray(box), zero, zero, place, brick, zero, zero)
+        return MarchInterval(arrays().UInt(0), nowhere.ray(box), zero, zero, place, brick, zero, zero)
 
-    def brick_at(self, ray: Ray | Frame, inside: Array3f) -> Int:
-        """The brick at lattice coordinates inside [0, n − 1): see `Step`."""
+    def brick_at(self, ray: Ray | BoxFrame, inside: Array3f) -> Int:
+        """The brick at lattice coordinates inside [0, n − 1): see `MarchInterval`."""
         jit = arrays()
         cell = jit.Array3i(inside) >> 3
         block, inner = cell >> 3, cell & (BLOCK - 1)
@@ -130,7 +130,7 @@ class Medium:
         brick = dr.gather(jit.Int, self.fine, jit.UInt(outer * BRICKS + place_in_block), held)
         return dr.select(held, brick, outer)
 
-    def extinction(self, step: Step, direction: Array3f, limit: Limit | None = None) -> Step:
+    def extinction(self, step: MarchInterval, direction: Array3f, limit: Limit | None = None) -> MarchInterval:
         """The step with the extinction σ along it, for light along the unit `direction` (world); none in empty bricks.
 
         τ ρ, in boxes of projected extinction times the projected area of the elements along `direction`. In a cell two
@@ -151,7 +151,7 @@ class Medium:
         """Whether an interval of this optical depth, with a sample, has no matter: see `DifferentiableMedium`."""
         return arrays().Bool(False)
 
-    def _in_stored_brick(self, step: Step, direction: Array3f, limit: Limit | None) -> Step:
+    def _in_stored_brick(self, step: MarchInterval, direction: Array3f, limit: Limit | None) -> MarchInterval:
         textures = self.textures
         if textures is None:
             return self._in_cell(step, direction, limit)
@@ -161,7 +161,7 @@ class Medium:
             lambda step, direction: self._in_cell(step, direction, limit),
         )  # fmt: skip
 
-    def _areas(self, step: Step, direction: Array3f, distances: list[Float], within: Bool) -> list[Float]:
+    def _areas(self, step: MarchInterval, direction: Array3f, distances: list[Float], within: Bool) -> list[Float]:
         """Projected areas along `direction` of the elements at `distances` of a step; 1 in boxes of isotropic
         extinction, and where there is no matter `within` the step.
         """
@@ -174,7 +174,7 @@ class Medium:
             self.projected_areas, lambda step, direction, distances: [arrays().Float(1) for _ in distances],
         )  # fmt: skip
 
-    def projected_areas(self, step: Step, direction: Array3f, distances: list[Float]) -> list[Float]:
+    def projected_areas(self, step: MarchInterval, direction: Array3f, distances: list[Float]) -> list[Float]:
         """Projected area along `direction` of the elements at distances from the entry of the ray [m], within the cell
         of a step in a stored brick: means over the elements, 0…1.
         """
@@ -185,7 +185,7 @@ class Medium:
             areas.append(sum(e.share * flakes.area(e.material, e.axis, direction) for e in elements))
         return areas
 
-    def sample(self, step: Step, distance: Float) -> Step:
+    def sample(self, step: MarchInterval, distance: Float) -> MarchInterval:
         """The step with its place at a distance from the entry of the ray [m], within its cell; in a texel as it is."""
         cell, place = dr.floor(step.place), step.ray.at(distance)
         place = type(place)(*(clip(place[k], cell[k], cell[k] + LAST_IN_CELL) for k in range(3)))
@@ -193,7 +193,7 @@ class Medium:
             place = dr.select(textures.textured(step.ray.box), step.place, place)
         return replace(step, place=place)
 
-    def _in_cell(self, step: Step, direction: Array3f, limit: Limit | None) -> Step:
+    def _in_cell(self, step: MarchInterval, direction: Array3f, limit: Limit | None) -> MarchInterval:
         """Extinction of a step within the cell of eight voxels."""
         jit, ray = arrays(), step.ray
         around, first = self.voxels.densities_around(jit.UInt(step.brick), step.place), dr.floor(step.place)
@@ -203,7 +203,7 @@ class Medium:
             part = ray.at(distance) - first
             return tau * trilinear(around, jit.Array3f(*(clip(part[k], 0.0, 1.0) for k in range(3))))
 
-        def integrated(step: Step) -> Step:
+        def integrated(step: MarchInterval) -> MarchInterval:
             middle, half = 0.5 * (step.begin + step.end), 0.5 * (step.end - step.begin)
             places = [dr.fma(half, node, middle) for node in (-GAUSS_NODE, GAUSS_NODE)]
             low, high = (extinction(place) for place in places)
@@ -219,7 +219,7 @@ class Medium:
             return step
         parts = dr.detach(limit(step))
 
-        def cut(step: Step, parts: Float) -> Step:
+        def cut(step: MarchInterval, parts: Float) -> MarchInterval:
             share = share_at_depth(dr.rcp(parts), dr.detach(step.growth))
             end = dr.fma(step.end - step.begin, share, step.begin)
             end = dr.fmin(dr.fmax(end, step.begin + ray.probe), step.end)  # a nudge at least: rays go on
@@ -227,7 +227,7 @@ class Medium:
 
         return self.branch((step, parts), parts > 1.0, cut, lambda step, parts: step)
 
-    def _in_texel(self, step: Step, direction: Array3f, limit: Limit | None) -> Step:
+    def _in_texel(self, step: MarchInterval, direction: Array3f, limit: Limit | None) -> MarchInterval:
         """Extinction of a step in a texel, that of its middle; the end behind matter-free space around it."""
         jit, ray = arrays(), step.ray
         density, clearance = self._texel_density(step)
@@ -242,7 +242,7 @@ class Medium:
         step.end += dr.fmax(dr.floor(CLEARANCE_SHARE * clearance / whole) - 1.0, 0.0) * whole
         return step
 
-    def _texel_density(self, step: Step) -> tuple[Float, Float]:
+    def _texel_density(self, step: MarchInterval) -> tuple[Float, Float]:
         """Density of a texel at a sample, and the least distance from matter there, see `Textures.clearance` [m]."""
         textures, jit = self.textures, arrays()
         assert textures is not None
@@ -255,7 +255,7 @@ class Medium:
         )  # fmt: skip
         return density, clearance
 
-    def extinction_at(self, step: Step, direction: Array3f) -> tuple[Float, Float]:
+    def extinction_at(self, step: MarchInterval, direction: Array3f) -> tuple[Float, Float]:
         """σ at the place of a step in a stored brick [1/m], and how far from there light meets no matter [m]."""
         free = arrays().Float(0)
         if (textures := self.textures) is None:
@@ -270,18 +270,18 @@ class Medium:
         elements, _ = self._elements(step)
         return sigma * sum(e.share * flakes.area(e.material, e.axis, direction) for e in elements), free
 
-    def cell_extinction(self, step: Step) -> Float:
+    def cell_extinction(self, step: MarchInterval) -> Float:
         """τρ in a cell of eight voxels [1/m]."""
         around = self.voxels.densities_around(arrays().UInt(step.brick), step.place)
         tau = dr.fmin(step.ray.tau, step.ray.densest / dr.fmax(functools.reduce(dr.fmax, around), 1e-30))
         return tau * trilinear(around, step.place - dr.floor(step.place))
 
-    def texel_extinction(self, step: Step) -> tuple[Float, Float]:
+    def texel_extinction(self, step: MarchInterval) -> tuple[Float, Float]:
         """τρ in a texel [1/m], and how far from there light meets no matter [m]."""
         density, clearance = self._texel_density(step)
         return step.ray.tau * density, CLEARANCE_SHARE * clearance
 
-    def elements(self, step: Step, direction: Array3f | None) -> tuple[list[Element], TexelHit | None]:
+    def elements(self, step: MarchInterval, direction: Array3f | None) -> tuple[list[Element], TexelHit | None]:
         """Elements of a sample in a stored brick as a ray along `direction` sees them: shares are those of extinction;
         without a direction those of density.
 
@@ -294,7 +294,7 @@ class Medium:
         scale = dr.rcp(dr.fmax(sum(shares), 1e-9))
         return [replace(e, share=share * scale) for e, share in zip(elements, shares, strict=True)], texel_hit
 
-    def _elements(self, step: Step) -> tuple[list[Element], TexelHit | None]:
+    def _elements(self, step: MarchInterval) -> tuple[list[Element], TexelHit | None]:
         """Elements of a sample in a stored brick, shares being those of density; and its place in a texel."""
         shadow_bias = (
             None if self.shadow_biases is None else dr.gather(arrays().Float, self.shadow_biases, step.ray.box)
@@ -333,13 +333,13 @@ class Medium:
             texel_hit.box, texel_hit.level, texel_hit.here, way, stop, texel_hit.tau, seen
         )
 
-    def _charted(self, step: Step) -> tuple[SurfacePoint, Array3f, Array3f]:
+    def _charted(self, step: MarchInterval) -> tuple[SurfacePoint, Array3f, Array3f]:
         """Where a sample in a stored brick of a box with a chart is on its surface, tangent along u and normal."""
         assert self.textures is not None and isinstance(self.voxels, PackedVoxels)
         bricks = self._brick_in(self.chart_shift, step), arrays().UInt(step.brick)
         return surface_point_at(self.charts, self.voxels, bricks, step.place, self.textures.chart_scale(step.ray.box))
 
-    def axis(self, step: Step, material: UInt | None = None) -> Array3f:
+    def axis(self, step: MarchInterval, material: UInt | None = None) -> Array3f:
         """Unit axis, in the world, at a sample in a stored brick; `material`: that of the sample, where it is known."""
         if material is None:
             material = self.material(step)
@@ -347,7 +347,7 @@ class Medium:
         axis = self.voxels.axis(arrays().UInt(step.brick), step.place, tangent, same)
         return dr.normalize(self._in_world(step.ray.box, axis) + 1e-9)
 
-    def colour(self, step: Step) -> Array4f:
+    def colour(self, step: MarchInterval) -> Array4f:
         """Coefficients of the body colour at a sample in a stored brick of a box that has them, weighed by density."""
         assert self.colours is not None
         colours = packets_around(self.colours, self._brick_in(self.colour_shift, step), step.place)
@@ -355,7 +355,7 @@ class Medium:
         mean = sum((colour * share for colour, share in zip(colours, each, strict=True)), arrays().Array4f(0.0))
         return mean / dr.fmax(sum(each), 1e-30)
 
-    def material(self, step: Step) -> UInt:
+    def material(self, step: MarchInterval) -> UInt:
         """Number of the sample's material in the row of all boxes' materials: of the voxel that adds most matter."""
         UInt = arrays().UInt
         first = dr.gather(UInt, self.first_material, step.ray.box)
@@ -368,12 +368,12 @@ class Medium:
         start, _ = corner(self._brick_in(self.material_shift, step), step.place)
         return first + self._material_of_voxel(step, start + offset)
 
-    def _material_of_voxel(self, step: Step, voxel: UInt) -> UInt:
+    def _material_of_voxel(self, step: MarchInterval, voxel: UInt) -> UInt:
         """Number of a voxel's material in its box."""
         has = dr.gather(arrays().Int, self.material_shift, step.ray.box) != NO_GRID
         return arrays().UInt(dr.gather(arrays().UInt8, self.materials, voxel, has))
 
-    def _of_its_kind(self, step: Step, material: UInt) -> list[Bool] | None:
+    def _of_its_kind(self, step: MarchInterval, material: UInt) -> list[Bool] | None:
         """Which of the eight voxels around a sample have the element of its `material`; None: all."""
         if not self.kinds.mixed or self.materials is None:
             return None
@@ -386,7 +386,7 @@ class Medium:
         x, y, z = self.frames.rotation(box)
         return vector.x * x + vector.y * y + vector.z * z
 
-    def _brick_in(self, shift: Int, step: Step) -> UInt:
+    def _brick_in(self, shift: Int, step: MarchInterval) -> UInt:
         """Number of the sample's brick in a grid that not every box has; 0 where it has none."""
         jit = arrays()
         shift = dr.gather(jit.Int, shift, step.ray.box)
@@ -427,7 +427,7 @@ def _tables(bricks: list[Bricks]) -> tuple[np.ndarray, np.ndarray, list[int]]:
 
 
 def depth_share(share: Float, growth: Float) -> Float:
-    """Share of the optical depth of a step in front of a `share` 0…1 of its length, see `Step`."""
+    """Share of the optical depth of a step in front of a `share` 0…1 of its length, see `MarchInterval`."""
     return dr.fma(growth * share, share - 1.0, share)
 
 

@@ -10,7 +10,7 @@ from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.reflectance import Reflectance
 
 
-class Light(Protocol):
+class PaletteLamp(Protocol):
     """A lamp of any kind as a palette knows it."""
 
     @property
@@ -60,7 +60,7 @@ class Palette:
         """Number of weights of a pixel."""
         return len(self.lamps) * len(self.colours)
 
-    def with_lamps(self, lamps: Sequence[Light], separate: bool = False) -> Palette:
+    def with_lamps(self, lamps: Sequence[PaletteLamp], separate: bool = False) -> Palette:
         """With the groups of `lamps`: those of one spectrum together, or each lamp its own (`separate`)."""
         spectra = [lamp.spectrum for lamp in lamps]
         distinct_spectra = tuple(spectra) if separate else distinct(spectra)

@@ -17,7 +17,7 @@ import numpy as np
 from hagoromo.backend import Array3f, Float, UInt, arrays, check_entries, clip
 from hagoromo.files.memory import require
 from hagoromo.light.lamp import Lamp
-from hagoromo.transport.crossing import Cone, Step
+from hagoromo.transport.crossing import Cone, MarchInterval
 from hagoromo.transport.film import TILE, tile_place
 from hagoromo.transport.intervals import depth_at, in_slot, nothing_open, opened, put
 from hagoromo.transport.lamp_view import view_from
@@ -59,7 +59,7 @@ class Fan:
         rise = depth - self.depth
         return dr.fmax((rise - self.spare) * inverse, self.low), dr.fmin((rise + self.spare) * inverse, self.high)
 
-    def parts(self, step: Step) -> Float:
+    def parts(self, step: MarchInterval) -> Float:
         """Parts of a step whose optical depth is near enough to a straight line each."""
         bend = 0.25 * step.depth * dr.abs(step.growth)
         return dr.ceil(dr.fmin(dr.sqrt(bend / (self.tolerance * dr.exp(self.depth))), MOST_PARTS))

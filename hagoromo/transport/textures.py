@@ -44,7 +44,7 @@ class Corner:
 
 
 @dataclass
-class Lattice:
+class TexelLevel:
     """A level of a texel as kernels read it."""
 
     offset: UInt  # of its first node in the pools
@@ -140,21 +140,21 @@ class Textures:
         per_u, per_v, _, voxel = dr.gather(arrays().Array4f, self.floats, 2 * box + 1)
         return ChartScale(per_u * PERIOD, per_v * PERIOD, voxel, low, span)
 
-    def lattice(self, box: UInt, level: UInt) -> Lattice:
+    def lattice(self, box: UInt, level: UInt) -> TexelLevel:
         """What look-ups in one level have in common."""
         jit = arrays()
         offset, across, high, packed = dr.gather(jit.Array4u, self.rows, level)
         _, _, variants, populations = dr.gather(jit.Array4u, self.whole, box)
         bottom, inverse, _, _ = dr.gather(jit.Array4f, self.floats, 2 * box)
-        return Lattice(offset, across, high, packed & 0xFFFF, packed >> 16, variants, populations, bottom, inverse)
+        return TexelLevel(offset, across, high, packed & 0xFFFF, packed >> 16, variants, populations, bottom, inverse)
 
-    def density(self, lattice: Lattice, here: SurfacePoint) -> Float:
+    def density(self, lattice: TexelLevel, here: SurfacePoint) -> Float:
         """Density of all populations together; 0 above and below the texel."""
         inside = dr.abs(dr.fma(here.height - lattice.bottom, lattice.inverse, -0.5)) < 0.5
         density = self._density(lattice, lattice.corner(here), arrays().UInt(0)) * here.presence
         return dr.select(inside, density, 0.0)
 
-    def seen_densities(self, lattice: Lattice, here: SurfacePoint, seen: SeenAlong) -> list[Float]:
+    def seen_densities(self, lattice: TexelLevel, here: SurfacePoint, seen: SeenAlong) -> list[Float]:
         """Density of every population times the projected area of its elements; 0 above and below the texel."""
         inside = dr.abs(dr.fma(here.height - lattice.bottom, lattice.inverse, -0.5)) < 0.5
         each = zip(self.densities(lattice, here), self.axes(lattice, here, seen.tangents), strict=True)
@@ -163,7 +163,7 @@ class Textures:
             for k, (density, axis) in enumerate(each)
         ]
 
-    def densities(self, lattice: Lattice, here: SurfacePoint) -> list[Float]:
+    def densities(self, lattice: TexelLevel, here: SurfacePoint) -> list[Float]:
         """Density of every population."""
         each = []
         for k in range(self.populations):
@@ -172,7 +172,7 @@ class Textures:
             each.append(dr.select(number > 0, value, 0.0))
         return each
 
-    def axes(self, lattice: Lattice, here: SurfacePoint, tangents: Sequence[Bool | None]) -> list[Array3f]:
+    def axes(self, lattice: TexelLevel, here: SurfacePoint, tangents: Sequence[Bool | None]) -> list[Array3f]:
         """Axis of every population along (u, v, normal), not normalised; tangents: see `Voxels.axis`, of each."""
         corner = lattice.corner(here)
         steps = [h + v + u for h in (0, 1) for v in (0, lattice.across * lattice.high) for u in (0, lattice.high)]
@@ -224,7 +224,7 @@ class Textures:
         _, passed = dr.while_loop(start, lambda k, passed: (k < count) & (passed < enough), one)
         return tau * passed * length, reach
 
-    def _density(self, lattice: Lattice, corner: Corner, number: UInt) -> Float:
+    def _density(self, lattice: TexelLevel, corner: Corner, number: UInt) -> Float:
         """Density of the population before `number`, of all together for 0."""
         rows, next_v = [], lattice.across * lattice.high
         start = corner.node + number * lattice.nodes

@@ -15,13 +15,13 @@ from hagoromo.files.library import library
 from hagoromo.files.memory import require
 from hagoromo.files.reading import reading
 from hagoromo_formats.curves.control_points import evaluated, joined
-from hagoromo_formats.curves.curve_file import Lines, of_arrays
+from hagoromo_formats.curves.curve_file import Polylines, of_arrays
 from hagoromo_formats.meshes.mesh_abc import BYTES_PER_NUMBER, MOST_OBJECTS, placed_objects
 
 BASES = {"kBezierBasis": "bezier", "kBsplineBasis": "bspline", "kCatmullromBasis": "catmullRom"}
 
 
-def abc_lines(path: Path) -> Lines:
+def abc_lines(path: Path) -> Polylines:
     """Curves of an Alembic file; `InputError` where it is damaged or alembic3d is not installed."""
     library("alembic3d")
     return of_arrays(read_apart(lines_by_alembic, path, "Alembic"))

@@ -23,7 +23,7 @@ LARGEST_FILE = 1 << 32  # bytes
 LARGEST_PLACE = 1e9  # [units]
 
 
-class Lines(NamedTuple):
+class Polylines(NamedTuple):
     """Polylines. points: (n, 3) of all, one after the other; first: (k + 1), where each begins, and n. diameter: (n)
     of the fibres there, in the same unit; None: the file states none.
     """
@@ -33,7 +33,7 @@ class Lines(NamedTuple):
     diameter: NDArray[np.float64] | None = None
 
 
-def read_curves(path: str | Path) -> Lines:
+def read_curves(path: str | Path) -> Polylines:
     """The curves in a file of at least two points each; `InputError` when it is missing, damaged, or has none."""
     suffix = Path(path).suffix.lower()
     if suffix not in SUFFIXES:
@@ -60,7 +60,7 @@ def read_curves(path: str | Path) -> Lines:
     return _checked(lines, path)
 
 
-def hair_lines(data: bytes, where: str) -> Lines:
+def hair_lines(data: bytes, where: str) -> Polylines:
     """Curves of a `.hair` (Yuksel, "HAIR model files": 128 bytes of head, then the arrays that its bits name)."""
     head = np.frombuffer(data[:128], "<u4") if len(data) >= 128 else np.zeros(32, "<u4")
     if data[:4] != b"HAIR" or len(data) < 128:
@@ -84,10 +84,10 @@ def hair_lines(data: bytes, where: str) -> Lines:
         raise InputError(f"{where} names {first[-1]} points of its hairs and holds {points}: it is damaged")
     wide = arrays.get(2, np.full(points if thickness > 0 else 0, thickness, "<f4"))[: first[-1]]
     corners = arrays[1].reshape(-1, 3)[: first[-1]].astype(np.float64)
-    return Lines(corners, first, wide.astype(np.float64) if len(wide) else None)
+    return Polylines(corners, first, wide.astype(np.float64) if len(wide) else None)
 
 
-def obj_lines(data: bytes) -> Lines:
+def obj_lines(data: bytes) -> Polylines:
     """Curves of the lines `l` of an OBJ; a line that begins where the one before it ends goes on with it."""
     vertices: list[list[float]] = []
     pieces: list[list[int]] = []
@@ -112,21 +112,21 @@ def chained(pieces: Iterable[list[int]]) -> list[list[int]]:
     return chains
 
 
-def of_arrays(arrays: Mapping[str, NDArray[Any]]) -> Lines:
+def of_arrays(arrays: Mapping[str, NDArray[Any]]) -> Polylines:
     """Lines of the arrays of another process; no diameter: the file states none."""
     wide = arrays["diameter"]
-    return Lines(arrays["points"], arrays["first"], wide if len(wide) else None)
+    return Polylines(arrays["points"], arrays["first"], wide if len(wide) else None)
 
 
-def of_chains(vertices: NDArray[np.float64], chains: list[list[int]]) -> Lines:
+def of_chains(vertices: NDArray[np.float64], chains: list[list[int]]) -> Polylines:
     """Lines of the numbers of vertices."""
     index = np.array([number for chain in chains for number in chain], np.int64)
     if len(index) and not (0 <= index.min() and index.max() < len(vertices)):
         raise InputError(f"a line names vertex {index.max() + 1}, there are {len(vertices)}: the file is damaged")
-    return Lines(vertices[index].reshape(-1, 3), np.cumsum([0, *(len(chain) for chain in chains)]))
+    return Polylines(vertices[index].reshape(-1, 3), np.cumsum([0, *(len(chain) for chain in chains)]))
 
 
-def _checked(lines: Lines, path: str | Path) -> Lines:
+def _checked(lines: Polylines, path: str | Path) -> Polylines:
     """The lines of two points or more; `InputError` where there are none or numbers are not finite."""
     count = np.diff(lines.first)
     kept = np.repeat(count >= 2, count)
@@ -138,4 +138,4 @@ def _checked(lines: Lines, path: str | Path) -> Lines:
     wide = None if lines.diameter is None else lines.diameter[: lines.first[-1]][kept]
     if wide is not None and not (np.isfinite(wide).all() and wide.min() >= 0):
         raise InputError(f"{path} has hairs whose thickness is no number of 0 or more: it is damaged")
-    return Lines(points, np.concatenate([[0], np.cumsum(count[count >= 2])]), wide)
+    return Polylines(points, np.concatenate([[0], np.cumsum(count[count >= 2])]), wide)

@@ -14,13 +14,13 @@ from hagoromo.files.checks import read_bytes, sized_file
 from hagoromo.files.gltf import array_of, gltf_record, placed_nodes
 from hagoromo.files.memory import require
 from hagoromo.files.reading import reading
-from hagoromo_formats.curves.curve_file import LARGEST_FILE, Lines, chained, of_chains
+from hagoromo_formats.curves.curve_file import LARGEST_FILE, Polylines, chained, of_chains
 
 LINES, LINE_LOOP, LINE_STRIP = 1, 2, 3
 BYTES_PER_POINT = 200.0  # of lines while they are joined, at every place where they stand
 
 
-def gltf_lines(path: Path) -> Lines:
+def gltf_lines(path: Path) -> Polylines:
     """Lines of a .glb or .gltf; no diameter: the format has none. `InputError` where it is damaged."""
     data = read_bytes(sized_file(path, LARGEST_FILE, "a file of curves"), 2.0)
     vertices, chains, count = list[NDArray[np.float64]](), list[list[int]](), 0

@@ -13,11 +13,11 @@ from hagoromo.files.apart import read_apart
 from hagoromo.files.library import library
 from hagoromo.files.reading import reading
 from hagoromo_formats.curves.control_points import evaluated, joined
-from hagoromo_formats.curves.curve_file import Lines, of_arrays
+from hagoromo_formats.curves.curve_file import Polylines, of_arrays
 from hagoromo_formats.scenes.usd_stage import open_stage, shown, unpacked, usd_file
 
 
-def usd_lines(path: Path) -> Lines:
+def usd_lines(path: Path) -> Polylines:
     """Curves of a USD file; `InputError` where it is damaged or usd-core is not installed."""
     with unpacked(path) as file:
         return of_arrays(read_apart(lines_by_usd, usd_file(file), "USD"))

@@ -113,10 +113,10 @@ def read_usd_mesh(path: str | Path) -> tuple[NDArray[Any], NDArray[Any]]:
 def parts_by_usd(path: Path) -> Mapping[str, NDArray[Any]]:
     """The fields of `UsdParts` as JSON, and the arrays of the meshes; run by `read_apart`."""
     with reading(path, "USD"):
-        return _Reader(path).arrays()
+        return _StageReader(path).arrays()
 
 
-class _Reader:
+class _StageReader:
     def __init__(self, path: Path) -> None:
         self.path, self.corners = path, 0.0
         self.stage = open_stage(path)

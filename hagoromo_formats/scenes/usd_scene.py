@@ -67,13 +67,13 @@ def _scene_from(file: Path, path: Path, out: str | Path, force: bool) -> list[st
     if len(parts.meshes) + len(parts.shapes) > MOST_SURFACES:
         raise InputError(f"{path} has more than {MOST_SURFACES} surfaces: join them")
     with whole_folder(out, force) as folder, reading(path, "USD"):
-        scene = _Scene(parts, path, file.parent, folder)
+        scene = _UsdScene(parts, path, file.parent, folder)
         write_text(folder / "scene.toml", toml_text(scene.record()))
         load_scene(folder / "scene.toml")  # what is no scene is refused here
     return list(dict.fromkeys(scene.lost))
 
 
-class _Scene:
+class _UsdScene:
     def __init__(self, parts: UsdParts, path: Path, home: Path, folder: Path) -> None:
         self.parts, self.home, self.folder = parts, home, folder
         self.lost = list(parts.lost)

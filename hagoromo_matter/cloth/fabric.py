@@ -15,7 +15,7 @@ from hagoromo.backend import arrays, lookup
 from hagoromo_matter.cloth.fuzz import Fuzz, Hairs, grown
 from hagoromo_matter.cloth.knit import Knitted, check_knitted, knitted_paths, knitted_period, loop_of
 from hagoromo_matter.cloth.section import section
-from hagoromo_matter.cloth.strand import Grid, Paths, Strands, grid_over
+from hagoromo_matter.cloth.strand import Paths, PeriodCells, YarnPaths, grid_over
 from hagoromo_matter.cloth.thread import fibre, spun
 from hagoromo_matter.cloth.weave import Woven, check_woven, period_of, woven_paths
 from hagoromo_matter.cloth.yarn import Yarn
@@ -69,7 +69,7 @@ def _fabric(
     top = float(0.5 * thickness + thicker + room)
     grid = grid_over(period, (-top, top), min(yarn.thickness_mm for yarn in yarns) / CELLS)
     strands = tuple(
-        Strands(each, period, grid, 0.5 * yarn.width_mm * float(each.girth.max()) + 2.0 * voxel_mm)
+        YarnPaths(each, period, grid, 0.5 * yarn.width_mm * float(each.girth.max()) + 2.0 * voxel_mm)
         for yarn, each in zip(yarns, paths, strict=True)
     )
     shown = tuple(section(yarn, voxel_mm, seed) for yarn in yarns)
@@ -98,7 +98,7 @@ def _fabric(
 
 def _fuzz(
     yarns: tuple[Yarn, Yarn], paths: tuple[Paths, Paths], period: tuple[float, float], heights: tuple[float, float],
-    grid: Grid, voxel_mm: float, seed: int,
+    grid: PeriodCells, voxel_mm: float, seed: int,
 ) -> Fuzz:  # fmt: skip
     """Hairs of both kinds of yarns; near the border of the period they are the same in all variants."""
     reach = 2.0 * BORDER_VOXELS * voxel_mm + 2.0 * max(grid.edge[:2])  # hairs are two voxels wide at least

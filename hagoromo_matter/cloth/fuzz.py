@@ -12,7 +12,7 @@ from hagoromo.backend import arrays, clip, lookup
 from hagoromo.files.memory import require
 from hagoromo.matter.shape import coverage
 from hagoromo_matter.cloth.section import sharp_radius
-from hagoromo_matter.cloth.strand import Grid, Paths, nearest_steps
+from hagoromo_matter.cloth.strand import Paths, PeriodCells, nearest_steps
 from hagoromo_matter.cloth.wander import check_drawn
 from hagoromo_matter.cloth.yarn import Yarn
 
@@ -66,7 +66,9 @@ def grown(
 class Fuzz:
     """Hairs of all variants, on the device; there may be none."""
 
-    def __init__(self, variants: list[list[Hairs]], period: tuple[float, float], grid: Grid, voxel_mm: float) -> None:
+    def __init__(
+        self, variants: list[list[Hairs]], period: tuple[float, float], grid: PeriodCells, voxel_mm: float
+    ) -> None:
         jit = arrays()
         far = Hairs(np.array([[0.0, 0.0, 1e3]]), np.eye(3)[:1], np.full(1, 1e-6), np.zeros(1, np.int64))
         joined = [Hairs(*(np.concatenate(part) for part in zip(*(hairs or [far]), strict=True))) for hairs in variants]

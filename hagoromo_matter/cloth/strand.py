@@ -33,7 +33,7 @@ class Paths(NamedTuple):
     population: NDArray[np.int64]
 
 
-class Place(NamedTuple):
+class YarnPlace(NamedTuple):
     """The position of a point relative to the nearest yarn.
 
     Offsets across the cloth and along its normal [mm], their unit axes, the unit tangent of the yarn, the stretch of
@@ -55,7 +55,7 @@ class Place(NamedTuple):
     population: Any
 
 
-class Grid(NamedTuple):
+class PeriodCells(NamedTuple):
     """Cells over a period: edge counts (x, y, z), edges [mm] and where the lowest lies along the normal [mm]."""
 
     count: tuple[int, int, int]
@@ -76,15 +76,15 @@ class Grid(NamedTuple):
         return ((variant * nz + z) * ny + y) * nx + x
 
 
-def grid_over(period: tuple[float, float], heights: tuple[float, float], edge: float) -> Grid:
+def grid_over(period: tuple[float, float], heights: tuple[float, float], edge: float) -> PeriodCells:
     """Cells of about `edge` [mm]."""
     spans = (*period, heights[1] - heights[0])
     count = tuple(max(1, round(span / edge)) for span in spans)
     edges = tuple(span / n for span, n in zip(spans, count, strict=True))
-    return Grid(count, edges, heights[0])  # type: ignore[arg-type]
+    return PeriodCells(count, edges, heights[0])  # type: ignore[arg-type]
 
 
-def nearest_steps(points: NDArray, period: tuple[float, float], grid: Grid, reach: float) -> NDArray[np.uint32]:
+def nearest_steps(points: NDArray, period: tuple[float, float], grid: PeriodCells, reach: float) -> NDArray[np.uint32]:
     """Number of the step nearest to the middle of every cell; arbitrary where none is within `reach` [mm].
 
     points: (n, 3).
@@ -100,10 +100,10 @@ def nearest_steps(points: NDArray, period: tuple[float, float], grid: Grid, reac
     return np.where(nearest < len(points), nearest, 0).astype(np.uint32)
 
 
-class Strands:
+class YarnPaths:
     """Paths on the device. reach: largest distance of the points that are looked up [mm]."""
 
-    def __init__(self, paths: Paths, period: tuple[float, float], grid: Grid, reach: float) -> None:
+    def __init__(self, paths: Paths, period: tuple[float, float], grid: PeriodCells, reach: float) -> None:
         jit = arrays()
         _, self.yarns, self.steps, _ = paths.points.shape
         self.period, self.grid = period, grid
@@ -120,7 +120,7 @@ class Strands:
         cells = [nearest_steps(each.reshape(-1, 3), period, grid, reach) for each in paths.points]
         self._nearest = lookup(jit.UInt, np.concatenate(cells))
 
-    def nearest(self, point: Any, cell: Any, variant: Any) -> Place:
+    def nearest(self, point: Any, cell: Any, variant: Any) -> YarnPlace:
         """The position of points relative to the yarn nearest to them."""
         jit = arrays()
         nearest = dr.gather(jit.UInt, self._nearest, cell)
@@ -146,7 +146,7 @@ class Strands:
         missed = dr.fmax(abs(dr.dot(offset, tangent)) - self.step, 0.0)
         across = dr.dot(offset, aside)
         across += dr.select(across < 0, -missed, missed)
-        return Place(
+        return YarnPlace(
             across, dr.dot(offset, up), aside, up, tangent, stretch * (1.0 / self.step),
             dr.lerp(a.w, a_next.w, part), b.w + part * turn, turn * (1.0 / self.step),
             way + part * onward, yarn, jit.UInt(population),

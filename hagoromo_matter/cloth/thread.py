@@ -14,7 +14,7 @@ import drjit as dr
 from hagoromo.backend import arrays, clip
 from hagoromo.matter.shape import coverage
 from hagoromo_matter.cloth.section import TABLE_SIDE, Section, sharp_radius, shown_plies
-from hagoromo_matter.cloth.strand import Place
+from hagoromo_matter.cloth.strand import YarnPlace
 from hagoromo_matter.cloth.yarn import Yarn
 from hagoromo_matter.noise import random
 
@@ -65,7 +65,7 @@ def spun(yarn: Yarn, shown: Section, voxel_mm: float, length: float, first: int)
     )  # fmt: skip
 
 
-def fibre(place: Place, yarn: Spun, table: Any, number: Any, seed: int | Any) -> tuple[Any, Any]:
+def fibre(place: YarnPlace, yarn: Spun, table: Any, number: Any, seed: int | Any) -> tuple[Any, Any]:
     """Density (share of the space that is fibre) and unit tangent of the fibre at a place.
 
     table: of the sections; number: by which yarns differ.

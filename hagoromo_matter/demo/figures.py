@@ -23,7 +23,7 @@ from hagoromo_matter.figure.tresses import HAIR_COLOUR
 MM = 1e-3  # m
 
 
-class Shot(NamedTuple):
+class FigureView(NamedTuple):
     """View of a figure of the paper.
 
     figures: the persons, with the place (x, y) [mm] and rotation about z [°] of each. upright: whether the camera is
@@ -42,27 +42,27 @@ class Shot(NamedTuple):
 
 NO_OFFSET = (0.0, 0.0, 0.0)
 PAPER_FIGURES = {
-    "figure_6_drape": Shot(
+    "figure_6_drape": FigureView(
         "Drape: the angel's sleeve and hand; a weave of yarns, made of cylinders.",
         {"angel": NO_OFFSET}, False, (0.5, -1.0, 0.1), seen=((38.0, -14.0, 148.0), 62.0), without=("wings", "feet"),
     ),
-    "figure_6_wing": Shot(
+    "figure_6_wing": FigureView(
         "Wing: shafts, barbs and barbules, made of cylinders.",
         {"angel": NO_OFFSET}, False, (0.25, -1.0, 0.1), seen=((92.0, 40.0, 232.0), 95.0), without=("feet", "hands"),
     ),
-    "figure_7_skin": Shot(
+    "figure_7_skin": FigureView(
         "Skin: granules, made of spheres; the nun's face.",
         {"nun": NO_OFFSET}, True, (0.3, -1.0, 0.06), seen=((0.0, -10.0, 243.0), 66.0),
     ),
-    "figure_7_hair": Shot(
+    "figure_7_hair": FigureView(
         "The angel's face and hair.",
         {"angel": NO_OFFSET}, True, (-0.25, -1.0, 0.04), seen=((0.0, -8.0, 243.0), 82.0), without=("feet", "hands"),
     ),
-    "figure_8_angel": Shot(
+    "figure_8_angel": FigureView(
         "The whole angel: skin, hair, drape and wings.", {"angel": NO_OFFSET}, True, (0.16, -1.0, 0.1),
     ),
-    "figure_8_nun": Shot("The whole nun: skin, wool and linen.", {"nun": NO_OFFSET}, True, (-0.3, -1.0, 0.1)),
-    "figure_8_whole": Shot(
+    "figure_8_nun": FigureView("The whole nun: skin, wool and linen.", {"nun": NO_OFFSET}, True, (-0.3, -1.0, 0.1)),
+    "figure_8_whole": FigureView(
         "The angel and the nun.",
         {"angel": (-62.0, 14.0, 8.0), "nun": (96.0, -42.0, -24.0)}, False, (0.06, -1.0, 0.1), filled=0.9,
     ),

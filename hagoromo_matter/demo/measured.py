@@ -17,7 +17,7 @@ from hagoromo.reflectance.material.material_estimate import MaterialEstimate
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo_matter.demo.measurement import coverage, named, rightly_labelled, rows
 from hagoromo_matter.demo.relit import relit
-from hagoromo_matter.demo.report_measured import Findings, measured_parts
+from hagoromo_matter.demo.report_measured import MeasurementResults, measured_parts
 from hagoromo_matter.demo.samples import LAMP_SPECTRUM, bench, bench_camera, true_reflectances
 from hagoromo_matter.demo.size import Size
 
@@ -54,7 +54,9 @@ def measured(home: Path, size: Size, progress: Progress) -> dict[str, Any]:
         "relit": {"measured": dict(view.measured), "ideal": dict(view.ideal)},
     }
     known = replace(measurement, capture=capture)
-    return {"record": record} | measured_parts(Findings(record, size, capture, aside, known, table, truth, found, view))
+    return {"record": record} | measured_parts(
+        MeasurementResults(record, size, capture, aside, known, table, truth, found, view)
+    )
 
 
 def reflectances_of(materials: Sequence[MaterialEstimate], size: Size) -> dict[str, Reflectance]:

@@ -20,7 +20,7 @@ COVERAGE = 0.95
 
 
 @dataclass(frozen=True)
-class Row:
+class ParameterRow:
     """One parameter of one material: truth, estimate, 95 % interval, and whether the photographs tell it."""
 
     material: str
@@ -67,7 +67,7 @@ def rightly_labelled(measurement: Measurement, surface: NDArray[np.integer], nam
 
 def rows(
     materials: Sequence[MaterialEstimate], truth: Mapping[str, Reflectance], response: Response, lamp: Spectrum
-) -> list[Row]:
+) -> list[ParameterRow]:
     """Every parameter beside its truth, expressed as the estimate expresses it: body colours have mean 1."""
     table = []
     for material in sorted(materials, key=lambda one: list(truth).index(one.name)):
@@ -77,17 +77,19 @@ def rows(
         for key in PARAMETERS:
             low, high = material.interval_95[key]
             identifiable = material.identifiable[key]
-            table.append(Row(material.name, key, values[key], getattr(material, key), low, high, identifiable))
+            table.append(ParameterRow(material.name, key, values[key], getattr(material, key), low, high, identifiable))
         identifiable, share = material.identifiable["alpha"], colour / colour.mean()
         for k, channel in enumerate(response.channels):
             low, high = material.interval_95["body_colour"][k]
             table.append(
-                Row(material.name, f"c_{channel}", float(share[k]), material.body_colour[k], low, high, identifiable)
+                ParameterRow(
+                    material.name, f"c_{channel}", float(share[k]), material.body_colour[k], low, high, identifiable
+                )
             )
     return table
 
 
-def coverage(table: Sequence[Row]) -> dict[str, Any]:
+def coverage(table: Sequence[ParameterRow]) -> dict[str, Any]:
     """How many intervals of identifiable parameters hold the truth, and how likely so few would be if all were right.
 
     likelihood: P(at most that many inside) for independent intervals of COVERAGE; those of one material are not quite.

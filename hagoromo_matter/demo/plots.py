@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 
 from hagoromo.files.plot import panels, svg_text
 from hagoromo.light.spectrum import Spectrum
-from hagoromo_matter.demo.measurement import Row
+from hagoromo_matter.demo.measurement import ParameterRow
 from hagoromo_page.report.report_pictures import MATERIAL_COLOURS
 
 SYMBOLS = {"alpha": "α [1/sr]", "beta": "β [1/sr]", "gamma": "γ [rad]", "n": "n"}
 PLOT_WAVELENGTHS = np.linspace(400.0, 700.0, 301)  # [nm]
 
 
-def measured_against_true(rows: Sequence[Row]) -> str:
+def measured_against_true(rows: Sequence[ParameterRow]) -> str:
     """One panel per parameter: (estimate − true)/true [%] with the 95 % interval, per material."""
     figure, axes = panels(len(SYMBOLS), 10.0, 2.7)
     for axis, (key, label) in zip(axes, SYMBOLS.items(), strict=True):

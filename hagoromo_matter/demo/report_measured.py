@@ -14,7 +14,7 @@ from hagoromo.measurement.measurement import Measurement
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.reflectance.reflectance import Reflectance
-from hagoromo_matter.demo.measurement import Row
+from hagoromo_matter.demo.measurement import ParameterRow
 from hagoromo_matter.demo.plots import measured_against_true, residual_histogram, spectra
 from hagoromo_matter.demo.relit import RIM_PX, Relit
 from hagoromo_matter.demo.samples import ISO, RADIUS, ROW_DISTANCE
@@ -31,7 +31,7 @@ PACKAGE = "hagoromo_matter.demo"
 
 
 @dataclass(frozen=True, eq=False)
-class Findings:
+class MeasurementResults:
     """Results of the measurement. record: of results.json; capture: the measured photographs; aside: the one kept."""
 
     record: Mapping[str, Any]
@@ -39,13 +39,13 @@ class Findings:
     capture: Capture
     aside: Photograph
     measurement: Measurement
-    table: Sequence[Row]
+    table: Sequence[ParameterRow]
     truth: Mapping[str, Reflectance]
     found: Mapping[str, Reflectance]
     relit: Relit
 
 
-def measured_parts(known: Findings) -> dict[str, str]:
+def measured_parts(known: MeasurementResults) -> dict[str, str]:
     """HTML: "head" of the page, "samples" to relight, "found" in words, and "details" of the measurement."""
     viewer = page_viewer(single_page(page_source(known.measurement, None), VIEWER_BYTES).viewer)
     pixels = sum(material.pixels for material in known.measurement.materials)
@@ -58,7 +58,7 @@ def measured_parts(known: Findings) -> dict[str, str]:
     return {name: str(html) for name, html in parts.items()}
 
 
-def _details(known: Findings) -> str:
+def _details(known: MeasurementResults) -> str:
     used = fitted_residuals(known.capture, known.measurement)
     crop = around(known.relit.mask)
     return page_text(
@@ -91,7 +91,7 @@ def _details(known: Findings) -> str:
     )
 
 
-def _spectra(known: Findings) -> str:
+def _spectra(known: MeasurementResults) -> str:
     true, estimated = (
         {name: r.body_colour.scaled(math.pi * r.alpha) for name, r in reflectances.items()}
         for reflectances in (known.truth, known.found)
@@ -99,7 +99,7 @@ def _spectra(known: Findings) -> str:
     return spectra(true, estimated)
 
 
-def _residuals(known: Findings, crop: tuple[slice, slice]) -> list[Markup]:
+def _residuals(known: MeasurementResults, crop: tuple[slice, slice]) -> list[Markup]:
     measurement, pictures = known.measurement, []
     for taken, predicted, left in zip(
         known.capture.photographs, measurement.predicted, measurement.residuals, strict=True
@@ -123,7 +123,7 @@ def _differences(view: Relit) -> list[list[str]]:
     ]
 
 
-def _table_row(row: Row) -> list[Any]:
+def _table_row(row: ParameterRow) -> list[Any]:
     """Cells of Table 1, with as many digits as the interval justifies."""
     symbol = SYMBOLS.get(row.parameter, Markup("c<sub>{}</sub>").format(row.parameter[-1]))
     closed = math.isfinite(row.high) and row.high > row.low

@@ -13,11 +13,11 @@ from hagoromo.errors import InputError
 from hagoromo.matter.shape import Shape, sphere
 from hagoromo_matter.drape.collider import Collider
 from hagoromo_matter.drape.cut import Cut, Place
-from hagoromo_matter.drape.settle import Fabric, Fall, settled
+from hagoromo_matter.drape.settle import ClothMechanics, Fall, settled
 from hagoromo_matter.drape.sheet import Sheet
 
 POINTS = 70  # along the longer edge of a piece
-FABRIC = Fabric(bending=2.5, friction=0.35, clear=0.6)
+FABRIC = ClothMechanics(bending=2.5, friction=0.35, clear=0.6)
 ABOVE_MM = 1.0  # of the highest point of the body, where the piece is let go
 FINEST = 128  # steps of the lattice of a body along its longest side
 GUARD = 0.75  # [spacings] of the points from a body, which may be thin

@@ -13,7 +13,7 @@ from hagoromo.backend import arrays, lookup
 from hagoromo.matter.shape import Shape
 from hagoromo_matter.drape.collider import Collider
 from hagoromo_matter.drape.cut import Cut
-from hagoromo_matter.drape.settle import Fabric, Fall, settled
+from hagoromo_matter.drape.settle import ClothMechanics, Fall, settled
 from hagoromo_matter.drape.sheet import Sheet
 
 DRESSING_SPACE_MM = (-75.0, -85.0, -4.0), (75.0, 75.0, 275.0)  # corners of the space in which a figure is dressed
@@ -23,7 +23,7 @@ DEEP = 7.0  # depth below the outer side of a cloth that counts as inside
 
 
 def put_on(
-    cuts: Sequence[Cut], bodies: Sequence[Shape], fabric: Fabric, fall: Fall, common: Shape | None = None
+    cuts: Sequence[Cut], bodies: Sequence[Shape], fabric: ClothMechanics, fall: Fall, common: Shape | None = None
 ) -> list[Sheet]:
     """The cuts at rest on a figure; the layer of a cut is the number of its body. common: a solid that is of all."""
     return settled(cuts, Collider(bodies, *DRESSING_SPACE_MM, LATTICE, common), fabric, fall)

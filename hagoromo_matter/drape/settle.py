@@ -37,7 +37,7 @@ CONTACT_SEARCH_SPACINGS = 1.6  # [spacings] of this search; points touch at 1
 FALL, REST = 8.0, 40.0  # [1/s] drag of the air while the cloth falls, and at the end to bring it to rest
 
 
-class Fabric(NamedTuple):
+class ClothMechanics(NamedTuple):
     """bending: bending length (Peirce 1930: cubed, stiffness over weight) [mm]; friction: coefficient; clear: of its
     middle from bodies and floor [mm].
     """
@@ -63,7 +63,7 @@ class Fall(NamedTuple):
 def settled(
     cuts: Sequence[Cut],
     collider: Collider,
-    fabric: Fabric = Fabric(),  # noqa: B008
+    fabric: ClothMechanics = ClothMechanics(),  # noqa: B008
     fall: Fall = Fall(),  # noqa: B008
 ) -> list[Sheet]:
     """The pieces at rest, in their order. They touch each other, the floor and the bodies of `collider`."""
@@ -77,7 +77,7 @@ def settled(
     return [sheet for sheet in sheets if sheet is not None]
 
 
-def check(fabric: Fabric, fall: Fall) -> None:
+def check(fabric: ClothMechanics, fall: Fall) -> None:
     """Raise `InputError` for numbers with which no cloth settles."""
     if not (np.isfinite(fabric).all() and fabric.bending >= 0 and fabric.friction >= 0 and fabric.clear >= 0):
         raise InputError(f"{fabric}: give finite numbers, none below 0")
@@ -89,7 +89,7 @@ def _after(
     cuts: Sequence[Cut],
     sheets: Sequence[Sheet],
     collider: Collider,
-    fabric: Fabric,
+    fabric: ClothMechanics,
     spacing: float,
     seconds: float,
     seed: int,

@@ -19,7 +19,7 @@ OUTWARDS = 0.4  # of the way that a wide sleeve hangs down, how far it does so t
 TILTED = 6  # how near its upper hem a tube tilts with it: share of the length to this power
 
 
-class Row(NamedTuple):
+class TubeRow(NamedTuple):
     """A row of a tube: how far from the first, its width at rest, girth of the tube that it begins around, depth of
     that over its breadth, and the y of its middle.
     """
@@ -38,7 +38,7 @@ class Folds(NamedTuple):
     seed: int
 
 
-def upright(rows: Sequence[Row], heights: tuple[float, float], tilt: float, folds: Folds, **record: Any) -> Cut:
+def upright(rows: Sequence[TubeRow], heights: tuple[float, float], tilt: float, folds: Folds, **record: Any) -> Cut:
     """A tube that begins around the axis z between the heights of its hems, its seam behind.
 
     tilt: how much higher the upper hem is behind than in front. record: more of the `Cut`.
@@ -62,7 +62,7 @@ def upright(rows: Sequence[Row], heights: tuple[float, float], tilt: float, fold
     return _cut(height, width, start, record)
 
 
-def along_arm(joints: Sequence[Sequence[float]], rows: Sequence[Row], folds: Folds, **record: Any) -> Cut:
+def along_arm(joints: Sequence[Sequence[float]], rows: Sequence[TubeRow], folds: Folds, **record: Any) -> Cut:
     """A tube that begins around the line through `joints` and straight on, its seam below.
 
     Rows wider than the first hang from the arm, down and outwards. The depth and place of rows are ignored.
@@ -99,7 +99,7 @@ def _cut(height: float, width: NDArray, start: Callable[..., NDArray], record: d
     )
 
 
-def _tables(rows: Sequence[Row]) -> list[NDArray[np.floating]]:
+def _tables(rows: Sequence[TubeRow]) -> list[NDArray[np.floating]]:
     """width, girth, depth and place at ENTRIES lengths along a tube."""
     along, *columns = np.array(rows, float).T
     length = np.linspace(0.0, along[-1], ENTRIES)

@@ -24,7 +24,7 @@ from hagoromo_matter.feather.feather import plan_of
 from hagoromo_matter.feather.plume import Plume, Spot, rolled
 from hagoromo_matter.feather.vane import Feather, feather_at
 from hagoromo_matter.feather.wing_bones import Ground, arm, ground
-from hagoromo_matter.feather.wing_grid import Grid, cell_at, grid_of
+from hagoromo_matter.feather.wing_grid import FeatherGrid, cell_at, grid_of
 from hagoromo_matter.feather.wing_rows import ARM_HALF_THICKNESS, AT, FEATHER_FIELDS, feathers, height_of
 from hagoromo_matter.noise import gradient_noise
 
@@ -67,7 +67,7 @@ class Wing:
         self.bone = middle + inward * thick[:, None]
         around = np.array([(*p, h) for p, r in zip(self.bone, self.thick, strict=True) for h in np.linspace(-r, r, 9)])
         grown = [around + np.array([x, z, 0.0]) for x in np.linspace(-6, 6, 7) for z in np.linspace(-8, 8, 9)]
-        grid: Grid = grid_of(feathers(seed), np.concatenate(grown))
+        grid: FeatherGrid = grid_of(feathers(seed), np.concatenate(grown))
         self.starts, self.members = jit.UInt(grid.starts), jit.UInt(grid.members)
         self.table, self.clear = jit.Float(grid.table), jit.Float(grid.clear)
         self.cells = len(grid.clear)

@@ -19,7 +19,7 @@ VANE_HALF_THICKNESS = 0.7  # half thickness of a vane with its soft edge; shafts
 STRETCH = 1.5  # the way in (x, z, height) is at most √2 of the way in space, a little more over the bent sheet
 
 
-class Grid(NamedTuple):
+class FeatherGrid(NamedTuple):
     """starts: (2 · cells + 1,) first of each cell's `members`; members: numbers of feathers, of the left side after
     those of the right; table: their fields; clear: (cells,) a bound of the distance to matter [mm].
     """
@@ -33,7 +33,7 @@ class Grid(NamedTuple):
 SHAPE = np.ceil((HIGH - LOW) / CELL_SIZE).astype(int)
 
 
-def grid_of(feathers: NDArray[np.float32], body: NDArray[np.float64]) -> Grid:
+def grid_of(feathers: NDArray[np.float32], body: NDArray[np.float64]) -> FeatherGrid:
     """The grid of the feathers of both wings, see `wing_rows.feathers`; body: places in their arms, (n, 3)."""
     from scipy.ndimage import distance_transform_edt
 
@@ -53,7 +53,7 @@ def grid_of(feathers: NDArray[np.float32], body: NDArray[np.float64]) -> Grid:
     clear = distance_transform_edt(empty.reshape(SHAPE), sampling=CELL_SIZE)
     clear = (np.asarray(clear).ravel() - float(np.linalg.norm(CELL_SIZE))) / STRETCH
     words, reals = np.uint32, np.float32
-    return Grid(starts.astype(words), member[order].astype(words), feathers.reshape(-1), clear.astype(reals))
+    return FeatherGrid(starts.astype(words), member[order].astype(words), feathers.reshape(-1), clear.astype(reals))
 
 
 def places_on(feather: Mapping[str, float]) -> NDArray[np.float64]:

@@ -22,7 +22,7 @@ ARM_HALF_THICKNESS = (2.8, 2.8, 2.7, 2.5, 2.3, 2.1, 1.7, 1.3, 0.9, 0.7)  # half 
 TILED = 0.085  # slope of a feather across: each lies on its neighbour
 
 
-class Row(NamedTuple):
+class FeatherRow(NamedTuple):
     """A row of feathers: how many; first and last place on the arm (shares of its length); root: how far behind the
     leading edge they are rooted; reach: to which share of the longest feather they reach; widths as multiples of their
     distance; level: number of the row above the sheet, above 0 in front, below 0 behind, 0 for the
@@ -41,22 +41,22 @@ class Row(NamedTuple):
 
 
 FLIGHT = (
-    Row(5, 0.02, 0.17, 5.0, 0.97, 1.0, 1.3, 0, 1.2),  # tertials
-    Row(14, 0.2, 0.655, 7.0, 0.96, 0.95, 1.45, 0, 1.0),  # secondaries
-    Row(10, 0.69, 1.0, 6.0, 1.0, 0.75, 1.4, 0, 0.8),  # primaries
+    FeatherRow(5, 0.02, 0.17, 5.0, 0.97, 1.0, 1.3, 0, 1.2),  # tertials
+    FeatherRow(14, 0.2, 0.655, 7.0, 0.96, 0.95, 1.45, 0, 1.0),  # secondaries
+    FeatherRow(10, 0.69, 1.0, 6.0, 1.0, 0.75, 1.4, 0, 0.8),  # primaries
 )
 COVERTS = (
-    Row(21, 0.03, 0.66, 6.0, 0.47, 0.85, 1.1, 1, 1.3),  # greater secondary coverts
-    Row(11, 0.69, 0.99, 5.0, 0.4, 0.9, 1.3, 1, 1.2),  # primary coverts
-    Row(34, 0.02, 0.98, 3.0, 0.3, 0.95, 1.1, 2, 1.6),  # median
-    Row(40, 0.01, 0.985, 1.5, 0.215, 1.0, 1.1, 3, 1.9),  # lesser, four rows
-    Row(46, 0.0, 0.99, 1.2, 0.165, 1.0, 1.15, 4, 2.1),
-    Row(52, 0.0, 0.99, 0.8, 0.122, 1.05, 1.2, 5, 2.3),
-    Row(58, 0.0, 0.995, 0.5, 0.085, 1.1, 1.25, 6, 2.5),
-    Row(64, 0.0, 0.995, 0.2, 0.053, 1.15, 1.3, 7, 2.7),  # marginal
+    FeatherRow(21, 0.03, 0.66, 6.0, 0.47, 0.85, 1.1, 1, 1.3),  # greater secondary coverts
+    FeatherRow(11, 0.69, 0.99, 5.0, 0.4, 0.9, 1.3, 1, 1.2),  # primary coverts
+    FeatherRow(34, 0.02, 0.98, 3.0, 0.3, 0.95, 1.1, 2, 1.6),  # median
+    FeatherRow(40, 0.01, 0.985, 1.5, 0.215, 1.0, 1.1, 3, 1.9),  # lesser, four rows
+    FeatherRow(46, 0.0, 0.99, 1.2, 0.165, 1.0, 1.15, 4, 2.1),
+    FeatherRow(52, 0.0, 0.99, 0.8, 0.122, 1.05, 1.2, 5, 2.3),
+    FeatherRow(58, 0.0, 0.995, 0.5, 0.085, 1.1, 1.25, 6, 2.5),
+    FeatherRow(64, 0.0, 0.995, 0.2, 0.053, 1.15, 1.3, 7, 2.7),  # marginal
 )
-ALULA = Row(4, 0.67, 0.73, 0.5, 0.22, 1.1, 1.5, 5, 1.0)
-SCAPULARS = Row(8, 0.0, 0.13, 0.5, 0.5, 1.8, 2.2, 5, 3.0)
+ALULA = FeatherRow(4, 0.67, 0.73, 0.5, 0.22, 1.1, 1.5, 5, 1.0)
+SCAPULARS = FeatherRow(8, 0.0, 0.13, 0.5, 0.5, 1.8, 2.2, 5, 3.0)
 FEATHER_FIELDS = (
     "x", "z", "sine", "cosine", "bow", "length_mm", "outer_mm", "inner_mm", "rachis_mm", "quill", "tip", "root",
     "end", "curl", "tilt", "hollow", "face", "seed", "flight",
@@ -85,12 +85,12 @@ def height_of(across: Any, share: Any, feather: Any) -> Any:
     return rise + feather["tilt"] * across + feather["curl"] * share * share * share - feather["hollow"] * wide * wide
 
 
-def _behind(row: Row) -> Row:
+def _behind(row: FeatherRow) -> FeatherRow:
     """The row on the upper face of the wing."""
     return row._replace(level=-row.level)
 
 
-def _row(row: Row, draw: np.random.Generator) -> NDArray[np.float64]:
+def _row(row: FeatherRow, draw: np.random.Generator) -> NDArray[np.float64]:
     """The feathers of one row, (n, len(FEATHER_FIELDS))."""
     n, face, rank = row.count, np.sign(row.level), abs(row.level)
     pitch = (row.last - row.first) / max(n - 1, 1)

@@ -26,7 +26,7 @@ LIPS = Pigment(melanin=0.018, blood=0.045, oxygenation=0.85)
 LARGEST_SLOPE = 2.5  # slope of the shapes, at nails and at the line between the lips
 
 
-class Place(NamedTuple):
+class BodyPart(NamedTuple):
     """A visible part of the body, and the corners of its box [mm]."""
 
     shape: Any  # a function of point and pose
@@ -36,13 +36,13 @@ class Place(NamedTuple):
 
 SKIN_PLACES = {  # what lies deeper under clothes is left out: between their threads it would show
     "angel": {
-        "head": Place(bust, (-29.0, -28.0, 195.0), (29.0, 26.0, 268.0)),
-        "hands": Place(arms, (-66.0, -52.0, 126.0), (66.0, 6.0, 172.0)),
-        "feet": Place(feet, (-28.0, -34.0, -0.6), (28.0, 16.0, 61.0)),
+        "head": BodyPart(bust, (-29.0, -28.0, 195.0), (29.0, 26.0, 268.0)),
+        "hands": BodyPart(arms, (-66.0, -52.0, 126.0), (66.0, 6.0, 172.0)),
+        "feet": BodyPart(feet, (-28.0, -34.0, -0.6), (28.0, 16.0, 61.0)),
     },
     "nun": {
-        "head": Place(bust, (-29.0, -28.0, 212.0), (29.0, 26.0, 268.0)),
-        "hands": Place(arms, (-21.0, -54.0, 164.0), (21.0, 6.0, 212.0)),
+        "head": BodyPart(bust, (-29.0, -28.0, 212.0), (29.0, 26.0, 268.0)),
+        "hands": BodyPart(arms, (-21.0, -54.0, 164.0), (21.0, 6.0, 212.0)),
     },
 }
 POSES = {"angel": WELCOME, "nun": PRAYER}

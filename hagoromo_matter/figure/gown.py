@@ -8,25 +8,31 @@ import numpy as np
 
 from hagoromo_matter.drape.cut import Cut, Place
 from hagoromo_matter.drape.dressed import dressed, put_on
-from hagoromo_matter.drape.settle import Fabric, Fall
+from hagoromo_matter.drape.settle import ClothMechanics, Fall
 from hagoromo_matter.drape.sheet import Sheet
-from hagoromo_matter.drape.tube import Folds, Row, along_arm, upright
+from hagoromo_matter.drape.tube import Folds, TubeRow, along_arm, upright
 from hagoromo_matter.figure.mannequin import arm, trunk
 from hagoromo_matter.figure.pose import WELCOME, Pose
 
-CLOTH = Fabric(bending=2.0, friction=0.25, clear=0.6)
+CLOTH = ClothMechanics(bending=2.0, friction=0.25, clear=0.6)
 # from the hem up: skirt, waist, bodice, neck
 GOWN = (
-    Row(0, 430, 235, 0.9, 2), Row(56, 370, 200, 0.85, 1), Row(146, 240, 135, 0.75, 1), Row(176, 175, 112, 0.75, 1),
-    Row(211, 150, 130, 0.65, 2), Row(226, 116, 112, 0.6, 3), Row(237, 60, 58, 0.95, 2.6),
+    TubeRow(0, 430, 235, 0.9, 2), TubeRow(56, 370, 200, 0.85, 1), TubeRow(146, 240, 135, 0.75, 1),
+    TubeRow(176, 175, 112, 0.75, 1),
+    TubeRow(211, 150, 130, 0.65, 2), TubeRow(226, 116, 112, 0.6, 3), TubeRow(237, 60, 58, 0.95, 2.6),
 )  # fmt: skip
 WAIST, BELTED = 176.0, 3.5  # along the gown, and half the height that is drawn in
 NECK, TILT = 219.0, 7.5  # height of the upper hem, and how much higher it is behind
-SASH = Row(0, 113, 124, 0.75, 1), Row(7.5, 113, 124, 0.75, 1)
+SASH = TubeRow(0, 113, 124, 0.75, 1), TubeRow(7.5, 113, 124, 0.75, 1)
 SASH_AT = 166.5, 173.5
 SHORT = 0.8  # s, fall of what is put on with points so near that an arm does not slip between them
 CLING = 0.06, 0.78, 0.045  # of a sleeve to the arm: half a share of its width; middle and half, shares of its length
-GOWN_SLEEVE = Row(0, 48, 47), Row(18, 64, 60), Row(48, 108, 98), Row(86, 170, 155)  # from the shoulder outwards
+GOWN_SLEEVE = (
+    TubeRow(0, 48, 47),
+    TubeRow(18, 64, 60),
+    TubeRow(48, 108, 98),
+    TubeRow(86, 170, 155),
+)  # from the shoulder outwards
 ROOT = (15.0, 4.0, 208.0), (21.5, 3.5, 203.0)  # of a sleeve, inside the shoulder
 
 
@@ -44,7 +50,7 @@ def gown(fall: Fall, pose: Pose = WELCOME) -> list[Sheet]:
     return dress + sash + put_on(cuts, arms, CLOTH, fall._replace(levels=1, seconds=SHORT), worn)
 
 
-def sleeve(pose: Pose, side: float, layer: int, seed: int, rows: tuple[Row, ...] = GOWN_SLEEVE) -> Cut:
+def sleeve(pose: Pose, side: float, layer: int, seed: int, rows: tuple[TubeRow, ...] = GOWN_SLEEVE) -> Cut:
     """A wide sleeve of one side, from inside the shoulder to the wrist; side 1 the figure's left, −1 its right."""
     joints = [(side * x, y, z) for x, y, z in (*ROOT, pose.elbow, pose.wrist)]
     return along_arm(

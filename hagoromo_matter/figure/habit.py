@@ -13,24 +13,35 @@ from numpy.typing import NDArray
 from hagoromo.matter.shape import Shape, placed
 from hagoromo_matter.drape.cut import Cut, Place
 from hagoromo_matter.drape.dressed import dressed, put_on
-from hagoromo_matter.drape.settle import Fabric, Fall
+from hagoromo_matter.drape.settle import ClothMechanics, Fall
 from hagoromo_matter.drape.sheet import Sheet
-from hagoromo_matter.drape.tube import Folds, Row, upright
+from hagoromo_matter.drape.tube import Folds, TubeRow, upright
 from hagoromo_matter.figure.gown import SASH, SASH_AT, SHORT, sleeve
 from hagoromo_matter.figure.mannequin import arm, trunk
 from hagoromo_matter.figure.pose import PRAYER, Pose
 
-WOOL, LINEN, CREPE = Fabric(2.2, 0.25, 0.6), Fabric(2.5, 0.6, 0.5), Fabric(1.8, 0.6, 0.6)
+WOOL, LINEN, CREPE = ClothMechanics(2.2, 0.25, 0.6), ClothMechanics(2.5, 0.6, 0.5), ClothMechanics(1.8, 0.6, 0.6)
 BUST, STEP = 5.8, (-1.0, -5.0, 0.5)  # of the mannequin
 TUNIC = (
-    Row(0, 440, 235, 0.9, 2), Row(56, 375, 200, 0.85, 1), Row(146, 240, 135, 0.75, 1), Row(176, 165, 112, 0.75, 1),
-    Row(211, 148, 130, 0.65, 2), Row(226, 116, 112, 0.6, 3), Row(237, 60, 58, 0.95, 2.6),
+    TubeRow(0, 440, 235, 0.9, 2), TubeRow(56, 375, 200, 0.85, 1), TubeRow(146, 240, 135, 0.75, 1),
+    TubeRow(176, 165, 112, 0.75, 1),
+    TubeRow(211, 148, 130, 0.65, 2), TubeRow(226, 116, 112, 0.6, 3), TubeRow(237, 60, 58, 0.95, 2.6),
 )  # fmt: skip
 WAIST, BELTED = 176.0, 3.0  # along the tunic, and half the height that is drawn in
 NECK, TILT = 219.0, 7.5  # height of the upper hem, and how much higher it is behind
-HABIT_SLEEVE = Row(0, 48, 47), Row(18, 62, 58), Row(50, 86, 78), Row(93, 132, 104)  # from the shoulder outwards
+HABIT_SLEEVE = (
+    TubeRow(0, 48, 47),
+    TubeRow(18, 62, 58),
+    TubeRow(50, 86, 78),
+    TubeRow(93, 132, 104),
+)  # from the shoulder outwards
 SLEEVE_GAP = 0.8  # from each sleeve to the middle, so that they do not pass through each other
-COLLAR = Row(0, 172, 166, 0.72, 2), Row(24, 112, 108, 0.7, 3), Row(34, 56, 55, 0.9, 2), Row(40, 46, 46, 1.0, 0.5)
+COLLAR = (
+    TubeRow(0, 172, 166, 0.72, 2),
+    TubeRow(24, 112, 108, 0.7, 3),
+    TubeRow(34, 56, 55, 0.9, 2),
+    TubeRow(40, 46, 46, 1.0, 0.5),
+)
 COLLAR_AT, COLLAR_TILT = (208.0, 228.5), 4.0
 COIF = 100.0, 21.0  # around it behind, and from the edge of the face backwards
 FACE = (0.0, -9.5, -4.6), (10.2, 13.4)  # of the head: middle and half sizes of the edge of the face

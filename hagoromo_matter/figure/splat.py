@@ -20,7 +20,7 @@ CELL_VOXELS = 8  # voxels along an edge of a cell, the unit of storage
 MOST_CELLS = 1 << 24
 
 
-class Strands(NamedTuple):
+class StrandPoints(NamedTuple):
     """Points of strands, (n, 3); unit tangents, (n, 3); volume of strand that each holds, (n,) [mm³]; kind, 0 or 1."""
 
     points: NDArray[np.float32]
@@ -29,7 +29,7 @@ class Strands(NamedTuple):
     kind: NDArray[np.float32]
 
 
-def along(paths: NDArray[np.float64], area: NDArray[np.float64] | float, step: float, kind: int = 0) -> Strands:
+def along(paths: NDArray[np.float64], area: NDArray[np.float64] | float, step: float, kind: int = 0) -> StrandPoints:
     """Strands along `paths` (strands, points, 3) of a cross-section `area` [mm²], (strands, points) or one for all.
 
     Points of a path are joined by straight lines, which are sampled every `step`.
@@ -46,15 +46,17 @@ def along(paths: NDArray[np.float64], area: NDArray[np.float64] | float, step: f
     volume = volume.ravel()
     some = volume > 0
     points, tangents = (part.reshape(-1, 3)[some].astype(np.float32) for part in (points, tangents))
-    return Strands(points, tangents, volume[some].astype(np.float32), np.full(len(points), kind, np.float32))
+    return StrandPoints(points, tangents, volume[some].astype(np.float32), np.full(len(points), kind, np.float32))
 
 
-def joined(*strands: Strands) -> Strands:
+def joined(*strands: StrandPoints) -> StrandPoints:
     """All of them together."""
-    return Strands(*(np.concatenate(part) for part in zip(*strands, strict=True)))
+    return StrandPoints(*(np.concatenate(part) for part in zip(*strands, strict=True)))
 
 
-def splat(strands: Strands, materials: tuple[Reflectance, Reflectance], fineness: Fineness, **record: Any) -> BoxPlan:
+def splat(
+    strands: StrandPoints, materials: tuple[Reflectance, Reflectance], fineness: Fineness, **record: Any
+) -> BoxPlan:
     """The box of strands of two kinds: every point gives its volume to the eight voxels around it."""
     voxel = fineness.voxel_mm
     low = np.floor(strands.points.min(axis=0) / voxel / CELL_VOXELS - 1.0) * CELL_VOXELS * voxel
@@ -83,7 +85,7 @@ def splat(strands: Strands, materials: tuple[Reflectance, Reflectance], fineness
     return replace(plan, header=replace(plan.header, materials=materials))
 
 
-def _summed(strands: Strands, low: NDArray, voxel: float, cells: NDArray) -> tuple[NDArray, list[NDArray]]:
+def _summed(strands: StrandPoints, low: NDArray, voxel: float, cells: NDArray) -> tuple[NDArray, list[NDArray]]:
     """Cells that hold anything, (m,); sums over their voxels, (m·CELL³,) each: volume, its tangents x, y, z, kind 1."""
     places = ((strands.points - low) / voxel - 0.5).astype(np.float32)
     corners = np.array([(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)], np.int32)

@@ -18,7 +18,7 @@ from hagoromo_matter.figure.face import CANTHI
 from hagoromo_matter.figure.head import head
 from hagoromo_matter.figure.locks import LOCK_STEP, Locks, fallen, head_axes
 from hagoromo_matter.figure.pose import PRAYER, WELCOME, Pose
-from hagoromo_matter.figure.splat import Strands, along, joined, splat
+from hagoromo_matter.figure.splat import StrandPoints, along, joined, splat
 
 POSES = {"angel": WELCOME, "nun": PRAYER}
 HAIR_FINENESS = Fineness(0.2, 0.16)
@@ -51,7 +51,7 @@ def hair_of(figure: str, material: Reflectance, resolution: float = 1.0, seed: i
     return splat(joined(*strands), (material, dark), fine, name=f"{figure}, hair", provenance=record)
 
 
-def long_hair(locks: Locks, step: float, draw: np.random.Generator) -> Strands:
+def long_hair(locks: Locks, step: float, draw: np.random.Generator) -> StrandPoints:
     """The strands of locks: wound about their guide, close at the tips; and some loose hairs."""
     paths, last = locks.paths, locks.paths.shape[1] - 1
     way = np.gradient(paths, axis=1)
@@ -76,7 +76,7 @@ def long_hair(locks: Locks, step: float, draw: np.random.Generator) -> Strands:
     return joined(*strands, along(paths[some] + stray, area, step))
 
 
-def face_hair(pose: Pose, step: float, draw: np.random.Generator) -> Strands:
+def face_hair(pose: Pose, step: float, draw: np.random.Generator) -> StrandPoints:
     """Brows and lashes of both eyes."""
     share = np.linspace(0.0, 1.0, 7)
     brows, lashes = [], []

@@ -22,13 +22,13 @@ from hagoromo.matter.shape import Shape, distance_and_normal, rounded_box, smoot
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.store.plan import BoxPlan
 from hagoromo_matter.noise import cellular_noise, hashed, seed_of, uniform
-from hagoromo_matter.skin.skin_lines import Lines, furrows
+from hagoromo_matter.skin.skin_lines import FurrowLattice, furrows
 
 RISE = 0.15  # height of a granule above its neighbours [diameters]
 
 
 class Granules(NamedTuple):
-    """Micro-structure of skin: granules, scales, lines and pores (see `Lines`), and the fade outside.
+    """Micro-structure of skin: granules, scales, lines and pores (see `FurrowLattice`), and the fade outside.
 
     The horny layer is 10–20 µm thick but for palms and soles; cells of the horn are 30–50 µm wide and peel in flakes.
     The defaults are life-size.
@@ -38,19 +38,25 @@ class Granules(NamedTuple):
     corneum_mm: Annotated[NotNegative, about("thickness of the horny layer of scales above them; 0: none [mm]")] = 0.02
     scale_mm: Annotated[Positive, about("width of a scale [mm]")] = 0.08
     scale_deg: Annotated[NotNegative, about("tilt of a scale against the surface [°]")] = 6.0
-    primary_mm: Annotated[Positive, about("distance of the primary lines [mm]")] = Lines().primary_mm
-    primary_depth_mm: Annotated[NotNegative, about("depth of the primary lines [mm]")] = Lines().primary_depth_mm
-    secondary_mm: Annotated[Positive, about("distance of the secondary lines [mm]")] = Lines().secondary_mm
-    secondary_depth_mm: Annotated[NotNegative, about("depth of the secondary lines [mm]")] = Lines().secondary_depth_mm
-    rhomb_deg: Annotated[Positive, about("angle at which two sets of primary lines cross [°]")] = Lines().rhomb_deg
-    pore_mm: Annotated[Positive, about("diameter of the pores [mm]")] = Lines().pore_mm
-    pores_per_cm2: Annotated[NotNegative, about("pores per area [1/cm²]")] = Lines().pores_per_cm2
+    primary_mm: Annotated[Positive, about("distance of the primary lines [mm]")] = FurrowLattice().primary_mm
+    primary_depth_mm: Annotated[NotNegative, about("depth of the primary lines [mm]")] = (
+        FurrowLattice().primary_depth_mm
+    )
+    secondary_mm: Annotated[Positive, about("distance of the secondary lines [mm]")] = FurrowLattice().secondary_mm
+    secondary_depth_mm: Annotated[NotNegative, about("depth of the secondary lines [mm]")] = (
+        FurrowLattice().secondary_depth_mm
+    )
+    rhomb_deg: Annotated[Positive, about("angle at which two sets of primary lines cross [°]")] = (
+        FurrowLattice().rhomb_deg
+    )
+    pore_mm: Annotated[Positive, about("diameter of the pores [mm]")] = FurrowLattice().pore_mm
+    pores_per_cm2: Annotated[NotNegative, about("pores per area [1/cm²]")] = FurrowLattice().pores_per_cm2
     fade_mm: Annotated[NotNegative, about("thickness of the soft outermost surface [mm]")] = 0.015
 
     @property
-    def lines(self) -> Lines:
+    def lines(self) -> FurrowLattice:
         """The lines and pores of this skin."""
-        return Lines(*(getattr(self, name) for name in Lines._fields))
+        return FurrowLattice(*(getattr(self, name) for name in FurrowLattice._fields))
 
 
 class Flush(NamedTuple):

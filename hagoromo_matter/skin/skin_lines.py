@@ -24,7 +24,7 @@ THIRD = 0.6  # depth of the lines that halve the rhombs, relative to primary lin
 PORE_DEPTH = 0.7  # depth of a pore [diameters]
 
 
-class Lines(NamedTuple):
+class FurrowLattice(NamedTuple):
     """A lattice of furrows: spacings and depths of primary and secondary lines [mm], angle of the rhombs [°]; pores.
 
     Primary lines are 20–100 µm deep, secondary ones 5–40 µm (Piérard, Uhoda & Piérard-Franchimont 2003, "From skin
@@ -41,7 +41,7 @@ class Lines(NamedTuple):
     pores_per_cm2: float = 32.0
 
 
-def furrows(point: Any, normal: Any, lines: Lines, fineness: Fineness, seed: Any) -> Any:
+def furrows(point: Any, normal: Any, lines: FurrowLattice, fineness: Fineness, seed: Any) -> Any:
     """Depth of lines and pores [mm] at a point of a surface with a unit `normal`; 0 where they cannot be resolved."""
     coarse = fineness.resolved(2.0 * HALF_WIDTH * lines.primary_depth_mm)
     fine = fineness.resolved(2.0 * HALF_WIDTH * lines.secondary_depth_mm)
@@ -55,7 +55,7 @@ def furrows(point: Any, normal: Any, lines: Lines, fineness: Fineness, seed: Any
     return depth
 
 
-def primary(point: Any, normal: Any, lines: Lines, seed: Any) -> Any:
+def primary(point: Any, normal: Any, lines: FurrowLattice, seed: Any) -> Any:
     """Depth of the primary lines [mm]: three families in each plane of the axes, shown as the surface faces it."""
     wander = [gradient_noise(point * (LINE_WAVES / lines.primary_mm), seed + 11 + k) for k in range(3)]
     slant = math.radians(0.5 * lines.rhomb_deg)  # of the rhombs' sides to the horizontal, their longer diagonal
@@ -73,14 +73,14 @@ def primary(point: Any, normal: Any, lines: Lines, seed: Any) -> Any:
     return lines.primary_depth_mm * depth / (weights[0] + weights[1] + weights[2] + 1e-6)
 
 
-def secondary(point: Any, lines: Lines, seed: Any) -> Any:
+def secondary(point: Any, lines: FurrowLattice, seed: Any) -> Any:
     """Depth of the secondary lines [mm]: the borders of cells."""
     cells = cellular_noise(point * (1.0 / lines.secondary_mm), seed + 7, 0.9)
     away = 0.5 * lines.secondary_mm * (cells.second - cells.nearest)  # distance from the border, to first order
     return lines.secondary_depth_mm * dr.exp(-dr.square(away / (HALF_WIDTH * lines.secondary_depth_mm)))
 
 
-def pores(point: Any, lines: Lines, seed: Any) -> Any:
+def pores(point: Any, lines: FurrowLattice, seed: Any) -> Any:
     """Depth of the pores [mm]: hollows that balls of their diameter, strewn in space, leave where they meet the skin.
 
     Balls of radius r, one in a³ of space, meet a surface 2 r / a³ times on a unit of it.
@@ -91,7 +91,7 @@ def pores(point: Any, lines: Lines, seed: Any) -> Any:
     return PORE_DEPTH * lines.pore_mm * dr.square(clip(1.0 - near * near, 0.0, 1.0))
 
 
-def _family(at: Any, faint: Any, lines: Lines, seed: Any) -> Any:
+def _family(at: Any, faint: Any, lines: FurrowLattice, seed: Any) -> Any:
     """0…1 of the depth of a line, of one family of lines; `at`: place across them [spacings]."""
     whole, half_width = dr.floor(dr.detach(at)), HALF_WIDTH * lines.primary_depth_mm / lines.primary_mm
     strongest = arrays().Float(0)

@@ -41,7 +41,7 @@ MOST_MADE_UP = 3.0  # largest factor by which some light makes up for other
 MATCH_SEED = 1
 
 
-class Rays:
+class LayerRays:
     """`per_side`² fixed rays through a layer for each pair of directions (u, v, normal) to eye and lamp.
 
     ways: directions to the eye and to the lamp, (pairs, 3) each; without them they are DIRECTION_PAIRS random ones, on
@@ -68,7 +68,7 @@ def matched(texel: Texel, tau: float, materials: Sequence[Reflectance], extincti
     """
     if len(materials) != texel.populations:
         raise InputError(f"{len(materials)} materials are given: a texel needs one per population, {texel.populations}")
-    rays, like = Rays(), (tau, [m.element for m in materials], extinction == "projected")
+    rays, like = LayerRays(), (tau, [m.element for m in materials], extinction == "projected")
     layers = [Layer(texel, k, *like) for k in range(len(texel.levels))]
     depths = [tau * np.array(_through(RaysThrough(layer, rays))[0]) for layer in layers]
     passed = float(np.exp(-depths[0]).mean())
@@ -87,14 +87,14 @@ def light_sent(
     tau: float,
     materials: Sequence[Reflectance],
     extinction: Extinction = "isotropic",
-    rays: Rays | None = None,
+    rays: LayerRays | None = None,
 ) -> NDArray[np.float64]:
     """Light that a flat layer of one level sends on, per direction pair of the `rays`, population and part.
 
     (pairs, populations, parts) [1/sr], body and interface, and what is transmitted where some transmit, per unit of
     irradiance on a plane that faces the lamp. It is followed along rays, as a camera's, and has no part in the match.
     """
-    rays = rays or Rays()
+    rays = rays or LayerRays()
     layer = Layer(texel, level, tau, [m.element for m in materials], extinction == "projected")
     light = np.stack([np.array(values, np.float64) for values in _through(RaysThrough(layer, rays, materials))[1]])
     return light.reshape(len(materials), parts_of(materials), rays.pairs, -1).mean(axis=-1).transpose(2, 0, 1)
@@ -103,7 +103,7 @@ def light_sent(
 class RaysThrough:
     """Rays through a layer. materials: of every population; none where light is not asked for."""
 
-    def __init__(self, layer: Layer, rays: Rays, materials: Sequence[Reflectance] = ()) -> None:
+    def __init__(self, layer: Layer, rays: LayerRays, materials: Sequence[Reflectance] = ()) -> None:
         texel, self.layer, self.rays, self.materials = layer.texel, layer, rays, tuple(materials)
         densest = float(texel.levels[layer.level].density.astype(np.float32).sum(axis=0).max())
         step = min(float(texel.edges[layer.level]) / STEPS_PER_CELL, PART / (layer.tau * max(densest, 1e-3)))

@@ -22,7 +22,7 @@ Shown = Callable[[Photograph, NDArray], Picture]
 
 
 @dataclass(frozen=True)
-class Frame:
+class SheetEntry:
     """One photograph of the sheet. pictures: <img> of the photograph, its prediction and its residual."""
 
     name: str
@@ -30,7 +30,7 @@ class Frame:
     pictures: tuple[Markup, ...]
 
 
-def contact_sheet(measurement: Measurement, shown: Shown, limit: float) -> list[Frame]:
+def contact_sheet(measurement: Measurement, shown: Shown, limit: float) -> list[SheetEntry]:
     """The photographs in the order of the capture, of `limit` bytes together, or as small as they may be.
 
     shown: the picture of values of a photograph.
@@ -45,7 +45,7 @@ def contact_sheet(measurement: Measurement, shown: Shown, limit: float) -> list[
     ]
     parts = list(zip(measurement.capture.photographs, triples, strict=True))
     some = parts[:: max(len(parts) // SAMPLED, 1)]
-    sheet: list[Frame] = []
+    sheet: list[SheetEntry] = []
     for width in WIDTHS_PX:
         if width > WIDTHS_PX[-1] and _size([_frame(*one, width) for one in some]) * len(parts) / len(some) > limit:
             continue
@@ -55,12 +55,12 @@ def contact_sheet(measurement: Measurement, shown: Shown, limit: float) -> list[
     return sheet
 
 
-def _size(frames: Sequence[Frame]) -> int:
+def _size(frames: Sequence[SheetEntry]) -> int:
     """Bytes of their pictures."""
     return sum(len(picture) for frame in frames for picture in frame.pictures)
 
 
-def _frame(photograph: Photograph, triple: tuple[Picture, Picture, Picture], width: int) -> Frame:
+def _frame(photograph: Photograph, triple: tuple[Picture, Picture, Picture], width: int) -> SheetEntry:
     """Residuals, which are noise, are shown as means over twice the pixels."""
     words = ("photograph", "prediction of", "residual of")
     sizes = (width, width, width // 2)
@@ -68,7 +68,7 @@ def _frame(photograph: Photograph, triple: tuple[Picture, Picture, Picture], wid
         _picture(_reduced(picture, size), f"{word} {photograph.name}")
         for picture, word, size in zip(triple, words, sizes, strict=True)
     )
-    return Frame(photograph.name, ", ".join(one.name or "a lamp" for one in photograph.lamps), pictures)
+    return SheetEntry(photograph.name, ", ".join(one.name or "a lamp" for one in photograph.lamps), pictures)
 
 
 def _picture(picture: Picture, alt: str) -> Markup:

@@ -54,7 +54,7 @@ class Choice:
 
 
 @dataclass(frozen=True)
-class Place:
+class VectorControl:
     """A vector (3,); gizmo: how far from the middle of the scene the thing stands that is dragged, None where it is."""
 
     away: float | None = None
@@ -72,7 +72,7 @@ class Control:
     name: str
     folder: str
     label: str
-    kind: Slider | Choice | Place | Colour
+    kind: Slider | Choice | VectorControl | Colour
     get: Callable[[Any], Any]
     put: Callable[[Any, Any], Any]
 
@@ -184,7 +184,7 @@ def _lamp_controls(number: int, state: ViewState, first: ViewState, scene: Scene
     found = [
         Control(f"{folder} spectrum", folder, "spectrum", Choice((AS_STATED, NEUTRAL, *ILLUMINANTS)),
                 spectrum, with_spectrum),
-        Control(f"{folder} {key}", folder, "towards it" if away else "place [m]", Place(away),
+        Control(f"{folder} {key}", folder, "towards it" if away else "place [m]", VectorControl(away),
                 lambda state: tuple(map(float, state.at(*at, key))),
                 lambda state, value: state.with_value((*at, key), [float(x) for x in value])),
     ]  # fmt: skip

@@ -10,12 +10,12 @@ from hagoromo.camera.srgb_from_camera import WHITE_XYZ, srgb_from_camera
 from hagoromo.image.image import Image, auto_exposure
 from hagoromo.light.colour import srgb_encode, srgb_from_xyz
 from hagoromo.light.spectrum import Spectrum
-from hagoromo_page.viewer.view_state import Development
+from hagoromo_page.viewer.view_state import ViewTransform
 
 SHOULDER = 0.8  # linear value from which the curve "shoulder" compresses; it reaches 1 at infinity
 
 
-def linear_picture(image: Image, development: Development, response: Response | None) -> NDArray[np.float64]:
+def linear_picture(image: Image, development: ViewTransform, response: Response | None) -> NDArray[np.float64]:
     """Linear sRGB (height, width, 3) in which the chosen white is (1, 1, 1), through the camera's `response` if given.
 
     Without a response, and for one of other than three channels, by the eye of the CIE 1931 observer.
@@ -29,12 +29,12 @@ def linear_picture(image: Image, development: Development, response: Response | 
     return srgb_from_xyz(xyz * WHITE_XYZ)
 
 
-def metered(image: Image, development: Development, response: Response | None) -> float:
+def metered(image: Image, development: ViewTransform, response: Response | None) -> float:
     """Factor that exposes the picture as `Image.display` does."""
     return auto_exposure(linear_picture(image, development, response), image.alpha)
 
 
-def toned(linear: NDArray[np.float64], development: Development, factor: float) -> NDArray[np.uint8]:
+def toned(linear: NDArray[np.float64], development: ViewTransform, factor: float) -> NDArray[np.uint8]:
     """Display values of a linear picture: exposed, through the tone curve."""
     linear = linear * (factor * 2.0**development.stops)
     return srgb_encode(shoulder(linear) if development.tone == "shoulder" else linear)

@@ -14,8 +14,8 @@ from hagoromo_page.viewer.development import linear_picture
 from hagoromo_page.viewer.plates import (
     LARGEST_NOISE,
     NOISE_LAYER,
-    Light,
     Picture,
+    PlateLight,
     as_bytes,
     grey,
     in_colours,
@@ -24,7 +24,7 @@ from hagoromo_page.viewer.plates import (
     shrunk,
 )
 from hagoromo_page.viewer.probe import NOISE_OF_95, Probe, probe
-from hagoromo_page.viewer.view_state import Development
+from hagoromo_page.viewer.view_state import ViewTransform
 
 PARTS = ("body", "interface", "through", "higher")  # of the light
 STORED = {"normals": "normal.X", "depth": "depth.Z", "material": "material.id"}  # layers of a file, and one channel
@@ -73,7 +73,7 @@ class ImagePlate:
             )
         )
 
-    def linear(self, layer: str, light: Light, development: Development) -> Picture | None:
+    def linear(self, layer: str, light: PlateLight, development: ViewTransform) -> Picture | None:
         """See `Plate`."""
         if layer != "picture" and layer not in PARTS:
             return None
@@ -95,7 +95,7 @@ class ImagePlate:
         depth = stored["depth.Z"]
         return scaled(depth, depth > 0.0)
 
-    def probe(self, x: float, y: float, light: Light) -> Probe:
+    def probe(self, x: float, y: float, light: PlateLight) -> Probe:
         """See `Plate`; the band is the 95 % one of the noise of Y."""
         found = probe(self._lit(light), x, y)
         if self.image.variance is None:
@@ -111,7 +111,7 @@ class ImagePlate:
         noise = np.sqrt(np.maximum(self.image.variance, 0.0))
         return np.divide(noise, bright, out=np.zeros_like(bright), where=bright > 0.0)
 
-    def _lit(self, light: Light) -> Image:
+    def _lit(self, light: PlateLight) -> Image:
         """The image under other strengths and spectra of its lamp groups."""
         image = self.image
         if not light.strengths and not light.spectra:

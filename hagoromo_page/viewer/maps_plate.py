@@ -13,8 +13,8 @@ from hagoromo_page.publication.lit import reflected
 from hagoromo_page.publication.surface_maps import SurfaceMaps
 from hagoromo_page.viewer.plates import (
     LARGEST_NOISE,
-    Light,
     Picture,
+    PlateLight,
     as_bytes,
     in_colours,
     numbered,
@@ -22,7 +22,7 @@ from hagoromo_page.viewer.plates import (
     three_channels,
 )
 from hagoromo_page.viewer.probe import NOISE_OF_95, WAVELENGTHS, Probe, with_spectrum
-from hagoromo_page.viewer.view_state import Development
+from hagoromo_page.viewer.view_state import ViewTransform
 
 LARGEST_TILT_DEG = 5.0  # standard error of a normal [°] that is shown brightest
 OF_NORMALS = f"uncertainty of normals, 0…{LARGEST_TILT_DEG:g}°"
@@ -57,7 +57,7 @@ class MapsPlate:
         width = cut.labels.shape[1]
         return MapsPlate(cut.reduced(width / size[0]) if size[0] < width else cut, self.measurement)
 
-    def linear(self, layer: str, light: Light, development: Development) -> Picture | None:
+    def linear(self, layer: str, light: PlateLight, development: ViewTransform) -> Picture | None:
         """See `Plate`."""
         if layer == "body":
             return self._to_srgb(three_channels(np.pi * self.maps.body))
@@ -88,7 +88,7 @@ class MapsPlate:
         assert values is not None
         return scaled(values, known)
 
-    def probe(self, x: float, y: float, light: Light) -> Probe:
+    def probe(self, x: float, y: float, light: PlateLight) -> Probe:
         """See `Plate`. The spectrum is that of the body, of its material, with its 95 % band."""
         maps = self.maps
         column, row = int(x * self.size[0]), int(y * self.size[1])

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
-from hagoromo_page.viewer.controls import Choice, Colour, Control, Place, Slider
+from hagoromo_page.viewer.controls import Choice, Colour, Control, Slider, VectorControl
 from hagoromo_page.viewer.picture_desk import PictureDesk
 from hagoromo_page.viewer.probe import plain
 from hagoromo_page.viewer.watcher import Desk
@@ -116,7 +116,7 @@ class Panel:
                     self._button("remove it", lambda number=number: self.remove_lamp(number))
             self.folders.append(made)
         for control in found:
-            if isinstance(control.kind, Place):
+            if isinstance(control.kind, VectorControl):
                 self._add_gizmo(control)
         self._shape = tuple((one.name, one.folder) for one in found)
 
@@ -158,7 +158,7 @@ class Panel:
         if name not in self.gizmos:
             return
         control = self.controls[name]
-        assert isinstance(control.kind, Place)
+        assert isinstance(control.kind, VectorControl)
         place = np.asarray(control.get(self.desk.state), np.float64)
         if control.kind.away is not None:
             place = self.desk.middle + place / np.linalg.norm(place) * control.kind.away
@@ -170,7 +170,7 @@ class Panel:
         if name not in self.gizmos:
             return
         control = self.controls[name]
-        assert isinstance(control.kind, Place)
+        assert isinstance(control.kind, VectorControl)
         if control.kind.away is not None:
             place = (place - self.desk.middle) / control.kind.away
         if phase == "start":

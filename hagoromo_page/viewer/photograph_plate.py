@@ -15,15 +15,15 @@ from hagoromo.reflectance.spectra.spectrum_estimate import SpectrumEstimate, est
 from hagoromo_page.viewer.plates import (
     LARGEST_NOISE,
     NOISE_LAYER,
-    Light,
     Picture,
+    PlateLight,
     grey,
     in_colours,
     shrunk,
     three_channels,
 )
 from hagoromo_page.viewer.probe import NOISE_OF_95, WAVELENGTHS, Probe, with_spectrum
-from hagoromo_page.viewer.view_state import Development
+from hagoromo_page.viewer.view_state import ViewTransform
 
 
 class PhotographPlate:
@@ -51,7 +51,7 @@ class PhotographPlate:
         variance = shrunk(self.variance[cut], size) / np.float32(share)
         return PhotographPlate(self.photograph, shrunk(self.values[cut], size), variance, valid)
 
-    def linear(self, layer: str, light: Light, development: Development) -> Picture | None:
+    def linear(self, layer: str, light: PlateLight, development: ViewTransform) -> Picture | None:
         """See `Plate`. A camera of unknown response has its own colours."""
         if layer != "picture":
             return None
@@ -69,7 +69,7 @@ class PhotographPlate:
         noise = np.sqrt(self.variance.mean(axis=2))
         return in_colours(np.divide(noise, mean, out=np.ones_like(mean), where=mean > 0.0) / LARGEST_NOISE, self.valid)
 
-    def probe(self, x: float, y: float, light: Light) -> Probe:
+    def probe(self, x: float, y: float, light: PlateLight) -> Probe:
         """See `Plate`. The spectrum is the likely share of a white's light, with its 95 % band, where the response of
         the camera and the lamp's spectrum are known.
         """
@@ -83,7 +83,7 @@ class PhotographPlate:
         response, lamps = self.response, self.photograph.lamps
         known = None
         if response is not None:
-            pixel = srgb_from_camera(response, self._white(Development())) @ pixel
+            pixel = srgb_from_camera(response, self._white(ViewTransform())) @ pixel
             if lamps and self.valid[row, column] and values.mean() > 0.0:
                 known = likely_spectrum(values, error, lamps[0].spectrum, response)
         found = Probe(column, row, self.size, np.full(len(WAVELENGTHS), np.nan), pixel, float(self.valid[row, column]))
@@ -98,7 +98,7 @@ class PhotographPlate:
         response = self.photograph.camera.response
         return response if response is not None and len(response.channels) == 3 == self.values.shape[-1] else None
 
-    def _white(self, development: Development) -> Spectrum:
+    def _white(self, development: ViewTransform) -> Spectrum:
         lamps = self.photograph.lamps
         if development.white != "first lamp":
             return Spectrum.named(development.white)

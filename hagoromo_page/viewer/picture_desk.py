@@ -31,10 +31,10 @@ from hagoromo_page.viewer.controls import (
     Slider,
 )
 from hagoromo_page.viewer.development import toned
-from hagoromo_page.viewer.plates import Light, Plate
+from hagoromo_page.viewer.plates import Plate, PlateLight
 from hagoromo_page.viewer.probe import Probe
-from hagoromo_page.viewer.view_state import TONES, Development, History
-from hagoromo_page.viewer.watcher import LONGEST_SIDE, SHORTEST_SIDE, Shown
+from hagoromo_page.viewer.view_state import TONES, History, ViewTransform
+from hagoromo_page.viewer.watcher import LONGEST_SIDE, SHORTEST_SIDE, ShownPicture
 
 KEPT_PLATES = 3  # photographs of a capture that stay in memory
 THE_EYE = "the eye"
@@ -47,13 +47,13 @@ class PictureState:
     """
 
     plate: str
-    development: Development = field(default_factory=Development)
+    development: ViewTransform = field(default_factory=ViewTransform)
     stops: Mapping[int, float] = field(default_factory=dict)
     spectra: Mapping[int, str] = field(default_factory=dict)
     response: str = THE_EYE
     towards: tuple[float, float] = (-0.5, 0.5)
 
-    def light(self) -> Light:
+    def light(self) -> PlateLight:
         """As plates take it."""
         strengths = {k: 0.0 if one <= -MOST_STOPS else 2.0**one for k, one in self.stops.items() if one}
         spectra = {
@@ -62,7 +62,7 @@ class PictureState:
             if name != AS_STATED
         }
         response = None if self.response == THE_EYE else Response.load(self.response)
-        return Light(strengths, spectra, response, self.towards)
+        return PlateLight(strengths, spectra, response, self.towards)
 
 
 class PictureDesk:
@@ -225,7 +225,7 @@ class PictureWatcher:
         rows, columns = self.seen
         return _within(self.longest, columns.stop - columns.start, rows.stop - rows.start)
 
-    def next(self) -> Shown | None:
+    def next(self) -> ShownPicture | None:
         """Its next picture; None where the last one stands."""
         rows, columns = self.seen
         part = self.desk.state.plate, (rows.start, rows.stop), (columns.start, columns.stop), self.size
@@ -235,7 +235,7 @@ class PictureWatcher:
         self._shown = of
         if self._part is None or self._part[0] != part:
             self._part = part, self.desk.plate.part(rows, columns, self.size)
-        return Shown(self.desk.developed(self._part[1]), True)
+        return ShownPicture(self.desk.developed(self._part[1]), True)
 
     def probe(self, x: float, y: float) -> Probe | None:
         """What stands at shares (x, y) of its picture's width and height."""

@@ -17,7 +17,7 @@ from hagoromo.light.colour import srgb_encode
 from hagoromo.light.spectrum import Spectrum
 from hagoromo_page.viewer.layers import MATERIAL_COLOURS
 from hagoromo_page.viewer.probe import Probe
-from hagoromo_page.viewer.view_state import Development
+from hagoromo_page.viewer.view_state import ViewTransform
 
 LARGEST_NOISE = 0.2  # relative standard error that is shown brightest
 NOISE_LAYER = f"uncertainty, 0…{100 * LARGEST_NOISE:g} %"
@@ -25,7 +25,7 @@ Picture = NDArray[Any]
 
 
 @dataclass(frozen=True)
-class Light:
+class PlateLight:
     """How a plate is lit and seen. strengths: factor of each lamp group; spectra: of those that have another than their
     own. response: of a camera in place of the eye. towards: (x, y), to the lamp over maps, page's axes, in a unit disc.
     """
@@ -54,7 +54,7 @@ class Plate(Protocol):
         """The pixels in `rows` and `columns`, shrunk to `size`."""
         ...
 
-    def linear(self, layer: str, light: Light, development: Development) -> Picture | None:
+    def linear(self, layer: str, light: PlateLight, development: ViewTransform) -> Picture | None:
         """Linear sRGB (height, width, 3) of a layer of light; None of any other layer."""
         ...
 
@@ -62,7 +62,7 @@ class Plate(Protocol):
         """Display values (height, width, 3) uint8 of a layer that is no light."""
         ...
 
-    def probe(self, x: float, y: float, light: Light) -> Probe:
+    def probe(self, x: float, y: float, light: PlateLight) -> Probe:
         """What stands at shares (x, y) of width and height."""
         ...
 

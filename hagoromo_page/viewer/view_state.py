@@ -24,7 +24,7 @@ State = TypeVar("State")
 
 
 @dataclass(frozen=True)
-class Development:
+class ViewTransform:
     """How the weights of a picture become one for people.
 
     stops: exposure, in stops above that of the first picture. white: what is shown as white: "first lamp", or the name
@@ -45,7 +45,7 @@ class ViewState:
     """tables: those of a scene file. development: how its picture is shown. Both are never changed in place."""
 
     tables: Mapping[str, Any]
-    development: Development = field(default_factory=Development)
+    development: ViewTransform = field(default_factory=ViewTransform)
 
     def at(self, *steps: str | int) -> Any:
         """The value at a place in the tables; None where there is none."""

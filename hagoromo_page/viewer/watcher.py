@@ -124,7 +124,7 @@ def _separate(settings: Settings, scene: Scene) -> Settings:
 
 
 @dataclass(frozen=True, eq=False)
-class Shown:
+class ShownPicture:
     """A picture (height, width, 3) uint8; last: whether none better follows."""
 
     picture: NDArray[np.uint8]
@@ -170,7 +170,7 @@ class Watcher:
         camera = self.desk.scene.camera.limited(self.longest)
         return self.desk.scene.with_camera(camera if self.pose is None else camera.with_pose(self.pose))
 
-    def next(self) -> Shown | None:
+    def next(self) -> ShownPicture | None:
         """Its next picture; None where the last one stands. `InputError` where it looks at nothing."""
         self._begin()
         new = next(self._pictures, None)
@@ -183,9 +183,9 @@ class Watcher:
             return None
         self._shown = of
         if self.layer is not None:
-            return Shown(self.layer.picture, self.layer.share >= 1.0)
+            return ShownPicture(self.layer.picture, self.layer.share >= 1.0)
         assert self.image is not None
-        return Shown(self._developed(self.image), self.image.metadata["preview"]["share"] >= 1.0)
+        return ShownPicture(self._developed(self.image), self.image.metadata["preview"]["share"] >= 1.0)
 
     def probe(self, x: float, y: float) -> Probe | None:
         """What stands at shares (x, y) of its picture's width and height; None where the picture is no light."""

@@ -6,7 +6,7 @@ import numpy as np
 
 import hagoromo as hg
 from hagoromo.app.cli import main
-from hagoromo.image.walk_sums import Sums
+from hagoromo.image.walk_sums import WalkSums
 
 
 def test_a_scene_is_rendered_in_all_orders_and_exposed_again(scene, tmp_path):
@@ -37,19 +37,19 @@ def test_an_interrupt_leaves_the_picture_so_far_and_resume_goes_on(scene, tmp_pa
     command = ["render", str(scene()), "--mode", "path", "--samples", "6", "--out"]
     monkeypatch.setattr("hagoromo.image.path_picture.launch_size", lambda channels: 500)
     assert main([*command, str(whole)]) == 0
-    add, left = Sums.add, iter(range(3))
+    add, left = WalkSums.add, iter(range(3))
 
     def interrupted(sums, *launch):
         add(sums, *launch)
         if next(left, None) is None:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(Sums, "add", interrupted)
+    monkeypatch.setattr(WalkSums, "add", interrupted)
     assert main([*command, str(picture)]) == 130
     said = capsys.readouterr().err.splitlines()[-1]
     assert "walks a pixel" in said and f"{picture} is the picture so far: --resume goes on with it" in said
     assert picture.with_suffix(".png").exists() and "walks a pixel" in hg.info(picture)["unfinished"]
-    monkeypatch.setattr(Sums, "add", add)
+    monkeypatch.setattr(WalkSums, "add", add)
     assert main([*command, str(picture), "--resume"]) == 0
     one, other = hg.read_image(picture), hg.read_image(whole)
     assert np.array_equal(one.weights, other.weights) and one.sums is None

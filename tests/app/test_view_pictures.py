@@ -26,9 +26,9 @@ from hagoromo_page.viewer.maps_plate import OF_NORMALS
 from hagoromo_page.viewer.open_desk import open_desk
 from hagoromo_page.viewer.photographs import as_bright
 from hagoromo_page.viewer.picture_desk import PictureDesk
-from hagoromo_page.viewer.plates import LARGEST_NOISE, NOISE_LAYER, Light
+from hagoromo_page.viewer.plates import LARGEST_NOISE, NOISE_LAYER, PlateLight
 from hagoromo_page.viewer.probe import WAVELENGTHS, plain
-from hagoromo_page.viewer.view_state import Development
+from hagoromo_page.viewer.view_state import ViewTransform
 from tests.app.published_ball import ball
 from tests.ball_scene import ball_scene
 
@@ -80,7 +80,7 @@ def test_an_image_is_lit_and_seen_anew_without_a_march(folder, monkeypatch):
     linear = truth.expose(camera) @ srgb_from_camera(camera, truth.palette.lamps[0]).T
     factor = desk.factors["image.exr", "picture"]
     assert changed is not None and np.abs(changed.picture.astype(int) - srgb_encode(linear * factor)).max() <= 1
-    assert np.isclose(factor, metered(image, Development(), None))
+    assert np.isclose(factor, metered(image, ViewTransform(), None))
     assert [desk.undo() for _ in range(4)] == ["camera_response", "spectra", "stops", None]
     again = watcher.next()
     assert again is not None and np.array_equal(again.picture, shown.picture)
@@ -130,7 +130,7 @@ def test_the_noise_of_a_picture_is_a_layer_and_the_band_of_its_probe(folder):
     bright = image.xyz()[..., 1]
     row, column = np.unravel_index(np.argmax(bright), bright.shape)
     noise = float(np.sqrt(image.variance[row, column]) / bright[row, column])
-    found = plate.probe((column + 0.5) / 31, (row + 0.5) / 23, Light())
+    found = plate.probe((column + 0.5) / 31, (row + 0.5) / 23, PlateLight())
     assert found.low is not None and found.high is not None
     assert np.allclose(found.high - found.low, 2 * 1.96 * noise * found.values)
     import matplotlib
@@ -176,7 +176,7 @@ def test_a_measurement_is_lit_by_its_reflectance_and_shows_its_uncertainty(tmp_p
     values = reflected(maps, np.array([x, y, np.sqrt(1 - x * x - y * y)]))
     response = Response.load("canon_eos_300d")
     matrix = srgb_from_camera(response, DAY) * camera_white(DAY, response)
-    linear = plate.linear("picture", Light(towards=(x, y)), Development())
+    linear = plate.linear("picture", PlateLight(towards=(x, y)), ViewTransform())
     assert linear is not None
     factor = as_bright(linear, values @ matrix.T)[1]
     assert np.isclose(factor, 1.0, rtol=1e-4)
@@ -184,14 +184,14 @@ def test_a_measurement_is_lit_by_its_reflectance_and_shows_its_uncertainty(tmp_p
     shown = plate.coded(OF_NORMALS)
     known = maps.known
     assert (shown[~known] == 64).all() and len(np.unique(shown[known], axis=0)) == 1  # 0.57° everywhere
-    found = plate.probe(0.4, 0.5, Light())
+    found = plate.probe(0.4, 0.5, PlateLight())
     assert "normal ± 1.12° (95 %)" in found.said and "β" in " ".join(found.said)
     share = np.pi * maps.body[found.row, found.column].mean()
     middle = WAVELENGTHS == 550.0
     assert found.low is not None and found.high is not None
     assert np.allclose(found.values[middle], share) and np.isnan(found.values[0])
     assert np.allclose((found.high - found.low)[middle], 2 * 1.96 * 0.01 * share)
-    assert plate.probe(0.6, 0.5, Light()).low is None, "the other material has no spectrum"
+    assert plate.probe(0.6, 0.5, PlateLight()).low is None, "the other material has no spectrum"
     assert {"body", "normals", "material", "depth", "γ roughness"} <= set(plate.layers)
 
 

@@ -11,7 +11,7 @@ from hagoromo.calibration.lamps.lamp_calibration import LampCalibration
 from hagoromo.calibration.lamps.place import LampPlace
 from hagoromo.calibration.lamps.strength import Strength
 from hagoromo.least_squares.fit_status import FitStatus, Status
-from hagoromo.light.lamp_spread import Spread
+from hagoromo.light.lamp_spread import LampSpread
 
 NOTHING = np.zeros((0, 2))
 ENDED = FitStatus(Status.OUT_OF_STEPS, 7, 0.25, last_step=1e-3)
@@ -25,7 +25,7 @@ def lamp_calibration(near: bool) -> LampCalibration:
     readings = [hg.LampReading("a", to_lamp, 0.5, shown, ball) for ball in balls]
     place = LampPlace("a", np.zeros(3), to_lamp, 0.4, 2.0 * to_lamp, 1e-4 * np.eye(3), 0.5, 0.01, 1.1, tuple(readings))
     strength = Strength(np.ones(3), 0.1 * np.ones(3), "reference", 0.02, (to_lamp, 1.5), (ENDED,))
-    spread = Spread(1, 1.0, 0.0)
+    spread = LampSpread(1, 1.0, 0.0)
     known = (place,) if near else (readings[0],)
     return LampCalibration(known, (strength,), balls, spread, settings={"moved": near, "radius_m": 0.02})
 

@@ -13,7 +13,7 @@ from hagoromo.files.exr import read_exr, write_exr
 from hagoromo.files.icc_profile import DISPLAY_P3, SRGB, icc_profile
 from hagoromo.files.png import write_png
 from hagoromo.image.any_picture import convert_picture, read_any_picture
-from hagoromo.image.shown import Shown
+from hagoromo.image.shown import DisplayTransform
 from hagoromo.light.colour import srgb_decode, srgb_encode
 
 LINEAR = np.random.default_rng(11).random((13, 17, 3)) ** 2.0
@@ -37,7 +37,7 @@ def by_littlecms(numbers: np.ndarray, profile: bytes) -> np.ndarray:
 @pytest.mark.parametrize("name", [SRGB, DISPLAY_P3])
 def test_littlecms_finds_the_same_colours_in_what_is_written(tmp_path, name):
     """Within the rounding of two pictures of 8 bits, in linear light, and with their mean within a tenth of that."""
-    way = Shown(name)
+    way = DisplayTransform(name)
     way.save(tmp_path / "a.tif", way.values(LINEAR))
     way.save(tmp_path / "a.png", way.values(LINEAR))
     for file in ("a.tif", "a.png"):
@@ -58,10 +58,10 @@ def test_littlecms_finds_the_same_colours_in_what_is_written(tmp_path, name):
 def test_a_picture_with_a_profile_compares_as_it_looks(tmp_path, suffix, capsys):
     """The same colours for two displays: apart where the profile is ignored, alike where it is applied."""
     for name in (SRGB, DISPLAY_P3):
-        Shown(name).save(tmp_path / f"{name}{suffix}", Shown(name).values(LINEAR))
+        DisplayTransform(name).save(tmp_path / f"{name}{suffix}", DisplayTransform(name).values(LINEAR))
     a, b = (read_any_picture(tmp_path / f"{name}{suffix}").linear for name in (SRGB, DISPLAY_P3))
     assert np.abs(a - b).max() < ROUNDING
-    assert np.abs(Shown(SRGB).values(LINEAR) - Shown(DISPLAY_P3).values(LINEAR)).max() > 0.05
+    assert np.abs(DisplayTransform(SRGB).values(LINEAR) - DisplayTransform(DISPLAY_P3).values(LINEAR)).max() > 0.05
 
 
 def test_a_profile_of_littlecms_is_srgb_and_leaves_all_bits(tmp_path):
@@ -81,12 +81,12 @@ def test_aces_shows_what_its_reference_says():
     """ACES 2.0, SDR: 18 % grey at 10 of 100 nits; far above white nothing is cut."""
     pytest.importorskip("PyOpenColorIO", reason="views of ACES need opencolorio")
     ramp = np.array([0.18, 1.0, 4.0, 16.0])[:, None, None] * np.ones((1, 1, 3))
-    shown = Shown(ACES).values(ramp)[:, 0]
+    shown = DisplayTransform(ACES).values(ramp)[:, 0]
     assert ((shown[0] + 0.055) / 1.055) ** 2.4 == pytest.approx(0.1, abs=2e-3)
     assert (np.diff(shown, axis=0) > 0.01).all() and shown.max() < 1.0
-    assert Shown("ACES 2.0 - SDR 100 nits (P3 D65)").profile == DISPLAY_P3
+    assert DisplayTransform("ACES 2.0 - SDR 100 nits (P3 D65)").profile == DISPLAY_P3
     with pytest.raises(InputError, match=r"there is no display 'Filmic': give one of sRGB, Display P3, ACES 2\.0"):
-        Shown("Filmic")
+        DisplayTransform("Filmic")
 
 
 def an_image() -> hg.Image:
@@ -108,7 +108,7 @@ def test_expose_and_convert_take_a_display(tmp_path):
     convert_picture(tmp_path / "a.exr", tmp_path / "b.png", display=ACES)
     shown = np.asarray(Image.open(tmp_path / "b.png"))
     linear = read_any_picture(tmp_path / "a.exr").linear
-    assert np.array_equal(shown, np.round(255 * Shown(ACES).values(linear)))
+    assert np.array_equal(shown, np.round(255 * DisplayTransform(ACES).values(linear)))
     with pytest.raises(InputError, match="leave it out"):
         convert_picture(tmp_path / "a.exr", tmp_path / "b.hdr", display=ACES)
 

@@ -16,7 +16,7 @@ from hagoromo.image.render import PreparedScene, SceneCache, reflectances_of
 from hagoromo.transport.field.adjoint import fitted_back
 from hagoromo.transport.field.band_colours import BandColours
 from hagoromo.transport.field.fit import fitted
-from hagoromo.transport.field.scattering import Scattering
+from hagoromo.transport.field.scattering import ScatteringTables
 from hagoromo.transport.field.sent_back import incident_back
 from hagoromo.transport.field.sweep import Ways, sweep
 from hagoromo.transport.field.swept_back import by_incident, swept_back
@@ -100,7 +100,7 @@ def test_each_step_and_its_transpose_agree():
     prepared = PreparedScene(scene, SETTINGS, SceneCache())
     assert prepared.medium is not None
     colours = BandColours(Bands(np.array([500.0]), 0.0), prepared.palette)
-    solver = solve.Solver(prepared.medium, prepared.lighting, colours, Scattering(reflectances_of(scene)), CELL)
+    solver = solve.Solver(prepared.medium, prepared.lighting, colours, ScatteringTables(reflectances_of(scene)), CELL)
     cells, kept, random = solver.cells, solver.stored, np.random.default_rng(3)
 
     def numbers(count):

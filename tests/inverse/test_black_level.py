@@ -7,7 +7,7 @@ from hagoromo.calibration.response import calibrate_response
 from hagoromo.calibration.response.black_level import REPORTED, black_level
 from hagoromo.calibration.response.calibrate_response import overlap_matrix, solve_response
 from hagoromo.calibration.response.positive_curve import PositiveCurve
-from hagoromo.calibration.response.reading_transfer import TRANSFER_PRIOR, Transfer
+from hagoromo.calibration.response.reading_transfer import TRANSFER_PRIOR, ReadingTransfer
 from hagoromo.least_squares.fit_status import FitStatus, Status
 from tests.inverse.test_response_faults import TRUE, WAVELENGTHS, coverage
 
@@ -17,7 +17,7 @@ STEPS = np.linspace(-2.0, 2.0, 400_001)
 
 def curve(offset, error):
     nothing = np.zeros(1)
-    transfer = Transfer(1.0, offset, np.diag([1e-4, error**2]), np.zeros((1, 2)))
+    transfer = ReadingTransfer(1.0, offset, np.diag([1e-4, error**2]), np.zeros((1, 2)))
     return PositiveCurve(nothing, nothing, np.zeros((1, 2)), 50.0, 0.01, STATUS, transfer=transfer)
 
 

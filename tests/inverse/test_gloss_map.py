@@ -8,8 +8,8 @@ import pytest
 from hagoromo.files.exr import read_exr
 from hagoromo.measurement.gloss.gloss_map import gloss_map
 from hagoromo.measurement.gloss.gloss_spread import gloss_spread
-from hagoromo.measurement.gloss.lobes import Lobes
-from hagoromo.measurement.gloss.pixel_gloss import GlossLaw, PixelFit
+from hagoromo.measurement.gloss.lobes import SampleLobes
+from hagoromo.measurement.gloss.pixel_gloss import GlossLaw, PixelGlossFit
 from hagoromo.measurement.known_shape import measure_known_shape
 from hagoromo.measurement.observations import Pixels, known_shape, observe_pixels
 from hagoromo.reflectance.material.materials_file import read_materials
@@ -54,7 +54,7 @@ def all_of(capture):
 
 def test_lobes_are_the_interface_of_eq_3_and_their_slope_is_its_derivative():
     sight = all_of(even(0, 3)).sight
-    lobes, random = Lobes(sight, N), np.random.default_rng(2)
+    lobes, random = SampleLobes(sight, N), np.random.default_rng(2)
     for log_gamma in np.log([0.07, 0.3]):
         value, by_gamma, _ = sight.interface(np.array([log_gamma]), np.log([N - 1.0]))
         got = lobes.evaluate(np.full(len(value[0]), log_gamma))
@@ -67,7 +67,7 @@ def test_lobes_are_the_interface_of_eq_3_and_their_slope_is_its_derivative():
 
 def test_pull_is_the_slope_of_chi_square_with_the_bodies_following():
     """Oracle: central differences. Information is that of the columns less what the bodies take up: no more of it."""
-    fit = PixelFit(all_of(even(3, 6)), N)
+    fit = PixelGlossFit(all_of(even(3, 6)), N)
     gloss = np.log([0.4 / 25, 0.25]) + 0.1 * np.random.default_rng(4).standard_normal((len(fit), 2))
     found = fit.evaluate(gloss)
     for k, step in enumerate(1e-5 * np.eye(2)):
@@ -111,7 +111,7 @@ def test_pixel_without_highlight_keeps_the_law_and_its_spread():
     law = GlossLaw(np.log([0.4 / 25, 0.1]), np.diag([0.3, 0.2]) ** 2)
     capture = ball(np.full((SIZE, SIZE), 0.8), np.full((SIZE, SIZE), 0.1), 5, 6)  # the truth is far from the law
     seen = all_of(capture)
-    fit = PixelFit(seen, N)
+    fit = PixelGlossFit(seen, N)
     found = fit.solve(law)
     nearest = np.full(len(fit), np.pi)
     np.minimum.at(nearest, fit.pixel, seen.sight.least_half_angle)

@@ -6,7 +6,7 @@ The photographs are simulated: LEDs with axes, highlights, attached and cast sha
 import numpy as np
 import pytest
 
-from hagoromo.measurement.surface.shape import Shape, solve_shape
+from hagoromo.measurement.surface.shape import SolvedShape, solve_shape
 from studies.near_rig import SURFACE_DISTANCE, Look, exact, read_rig, ring_rig, simulate, sphere, waves
 from tests.data import DATA, real_data
 
@@ -14,7 +14,7 @@ LEDS = DATA / "near_ps_leds"
 GOAL = 1.5  # ° mean error: the goal of the project for this setting
 
 
-def errors(shape: Shape, truth) -> np.ndarray:
+def errors(shape: SolvedShape, truth) -> np.ndarray:
     """Angles [°] to the exact normals, of every pixel solved."""
     seen = shape.normal_map.views
     true = truth.normals[seen.rows, seen.columns]

@@ -12,7 +12,7 @@ import hagoromo as hg
 from hagoromo.files.exr import read_exr
 from hagoromo.measurement.normals.normals import NormalMap, least_squares_fit
 from hagoromo.measurement.surface import own_light, solved_surface
-from hagoromo.measurement.surface.depth import Surface
+from hagoromo.measurement.surface.depth import DepthSurface
 from hagoromo.measurement.surface.exchange import exchange
 from hagoromo_page.report.measure_report import write_measure_report
 from tests.inverse.simulated_bowl import FOCAL, OPENING, PIXEL, bowl
@@ -181,7 +181,7 @@ def test_a_unit_in_which_no_body_can_be_so_bright_is_not_subtracted(both, monkey
     fit = replace(least_squares_fit(views), normals=normals)
     bright = replace(fit, body=4.0 * fit.body, variance=np.full(len(normals), 1e-4))
     maps = found.normals, found.normal_variance, views.image(bright.body.T.astype(np.float32))
-    surface = Surface(found.points, found.distance_variance)
+    surface = DepthSurface(found.points, found.distance_variance)
     solved = NormalMap(maps[0], maps[1], maps[2], found.labels, bright, views), surface
     monkeypatch.setattr(solved_surface, "_solve", lambda *_: solved)
     monkeypatch.setattr(own_light, "_unit", lambda *_: own_light.Unit())

@@ -13,7 +13,7 @@ from hagoromo.measurement.measure import with_solved_shape
 from hagoromo.measurement.normals.normals import NormalMap, least_squares_fit
 from hagoromo.measurement.normals.photometric_model import predicted
 from hagoromo.measurement.normals.shading import Gloss
-from hagoromo.measurement.surface.depth import Surface
+from hagoromo.measurement.surface.depth import DepthSurface
 from tests.inverse.simulated_ball import Truth, simulate
 
 SIZE, COUNT, BETA, GAMMA = 31, 20, 0.5, 0.16
@@ -185,7 +185,7 @@ def written(capture, views, fit, folder):
     labels = np.where(np.linalg.norm(capture.normals, axis=2) > 0.5, 0, -1)
     normals, variance, body = (one.astype(np.float32) for one in (fit.normals, fit.variance, fit.body.T))
     images = views.image(normals), views.image(variance, np.inf), views.image(body)
-    surface = Surface(capture.points, np.zeros(labels.shape, np.float32))
+    surface = DepthSurface(capture.points, np.zeros(labels.shape, np.float32))
     found = with_solved_shape(capture, NormalMap(images[0], images[1], images[2], labels, fit, views), surface)
     return found, found.save(folder / "out")
 

@@ -11,7 +11,7 @@ from hagoromo.measurement.normals import photometric_step
 from hagoromo.measurement.normals.gloss_choice import GlossModel
 from hagoromo.measurement.normals.gloss_estimate import measurement_of
 from hagoromo.measurement.normals.normals import solve_fit, solve_normals
-from hagoromo.measurement.normals.photometric_step import Step
+from hagoromo.measurement.normals.photometric_step import PixelStep
 from hagoromo.measurement.normals.shading import Gloss
 from tests.inverse.simulated_ball import Truth, simulate
 from tests.judges import alarms_are_rare
@@ -77,11 +77,11 @@ def test_slopes_by_tail_and_colour_are_differences():
     fit = replace(fit, gloss=Gloss(rows))
     prior = photometric_step.Prior()
     problem = photometric_step.Problem(few, few.place, 1.0, prior, np.ones(rows.shape, bool))
-    slopes = Step(problem, fit)._by_gloss()
+    slopes = PixelStep(problem, fit)._by_gloss()
     for place in range(rows.shape[1]):
         step = np.zeros(rows.shape)
         step[0, place] = 1e-3
-        two = [Step(problem, replace(fit, gloss=Gloss(rows + sign * step))).model for sign in (1.0, -1.0)]
+        two = [PixelStep(problem, replace(fit, gloss=Gloss(rows + sign * step))).model for sign in (1.0, -1.0)]
         numeric = (two[0] - two[1]) / 2e-3
         flat = np.moveaxis(numeric, 2, 0).reshape(slopes.shape[:2])
         np.testing.assert_allclose(slopes[..., place], flat, atol=2e-3 * np.abs(flat).max())

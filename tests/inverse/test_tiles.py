@@ -13,7 +13,7 @@ from hagoromo.measurement.normals.lobe_fit import with_lobes
 from hagoromo.measurement.normals.normals import NormalMap
 from hagoromo.measurement.surface import large_capture, tiles
 from hagoromo.measurement.surface import tile_store as store_module
-from hagoromo.measurement.surface.depth import Surface
+from hagoromo.measurement.surface.depth import DepthSurface
 from hagoromo.measurement.surface.tile_store import tile_store
 from hagoromo.photograph.capture import Capture, save_capture
 from studies import glossy_objects
@@ -89,7 +89,7 @@ def waxed(small_tiles, tmp_path, monkeypatch):
         views, fit = solved(store.coarse, mean, GLOSSY["waxed"])
         images = views.image(fit.normals), views.image(np.full(len(views.rows), 1e-6)), views.image(fit.body.T)
         labels = views.image(np.zeros(len(views.rows), int), -1)
-        surface = Surface(views.image(views.points), np.full(labels.shape, 1e-6, np.float32))
+        surface = DepthSurface(views.image(views.points), np.full(labels.shape, 1e-6, np.float32))
         yield capture, normals, store, tiles.Coarse(store.coarse, NormalMap(*images, labels, fit, views), surface)
 
 

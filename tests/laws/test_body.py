@@ -27,7 +27,7 @@ from hagoromo_matter.figure.head import head
 from hagoromo_matter.figure.locks import CROWN, SCALP, fallen, head_axes
 from hagoromo_matter.figure.mannequin import arm, trunk
 from hagoromo_matter.figure.pose import PRAYER, WELCOME
-from hagoromo_matter.figure.splat import Strands, along, splat
+from hagoromo_matter.figure.splat import StrandPoints, along, splat
 from hagoromo_matter.figure.tresses import CLOTHES, LOCK_HALF_WIDTH, LOCKS, hair_of
 from hagoromo_matter.skin.skin import skin
 
@@ -180,7 +180,7 @@ def test_strands_keep_their_volume_and_their_tangent():
 
 def test_a_splat_of_two_kinds_tells_them_apart():
     one, two = (along(np.array([[[x, 0.0, 0.0], [x, 0.0, 5.0]]]), 0.05, 0.1, k) for x, k in ((0.0, 0), (3.0, 1)))
-    both = Strands(*(np.concatenate(part) for part in zip(one, two, strict=True)))
+    both = StrandPoints(*(np.concatenate(part) for part in zip(one, two, strict=True)))
     dark = Reflectance(0.1, 0.2, 0.15, 1.55, Spectrum.constant(0.2), element="cylinder")
     box = splat(both, (HAIR, dark), Fineness(0.25, 0.2)).box()
     assert box.materials == (HAIR, dark)

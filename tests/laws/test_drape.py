@@ -22,7 +22,7 @@ from hagoromo_matter.drape.contact import LARGEST_CONTACTS, NEIGHBOUR_ROWS, Cont
 from hagoromo_matter.drape.cut import Cut
 from hagoromo_matter.drape.dressed import DEEP, dressed
 from hagoromo_matter.drape.hanging import hanging
-from hagoromo_matter.drape.settle import Fabric, Fall, settled
+from hagoromo_matter.drape.settle import ClothMechanics, Fall, settled
 from hagoromo_matter.drape.sheet import Sheet
 from hagoromo_matter.drape.sheet_chart import sheet_chart
 from hagoromo_matter.figure import wardrobe
@@ -52,7 +52,9 @@ def flat(width: float, height: float, z: float, **record) -> Cut:
 
 @pytest.fixture(scope="module")
 def over_ball() -> Sheet:
-    return settled([flat(53.0, 47.0, 31.0)], ball(), Fabric(bending=2.0), Fall(spacing=1.7, seconds=0.5, levels=1))[0]
+    return settled(
+        [flat(53.0, 47.0, 31.0)], ball(), ClothMechanics(bending=2.0), Fall(spacing=1.7, seconds=0.5, levels=1)
+    )[0]
 
 
 def strains(sheet: Sheet, width: float, height: float) -> np.ndarray:
@@ -183,7 +185,7 @@ def test_a_strip_held_at_both_ends_hangs_as_a_catenary(span):
         return np.stack(np.broadcast_arrays(x, wide * (t - 0.5), 60.0 - deep), axis=-1)
 
     strip = Cut(length, wide, start, held=lambda s, t: np.where((s == 0) | (s == 1), 1.0, 0.0 * t))
-    sheet = settled([strip], NOTHING, Fabric(bending=1.0), Fall(1.1, 1.2, 1))[0]
+    sheet = settled([strip], NOTHING, ClothMechanics(bending=1.0), Fall(1.1, 1.2, 1))[0]
     chain = sheet.points[len(sheet.points) // 2]
     whole = np.linalg.norm(np.diff(chain, axis=0), axis=1).sum()
     assert whole == pytest.approx(length, rel=0.02)
@@ -301,9 +303,9 @@ def test_a_solid_that_is_common_to_bodies_is_part_of_each():
 
 def test_one_seed_one_drape():
     cut, fall = flat(23.0, 19.0, 31.0), Fall(1.3, 0.1, 2)
-    first, again = (settled([cut], ball(), Fabric(), fall)[0].points for _ in range(2))
+    first, again = (settled([cut], ball(), ClothMechanics(), fall)[0].points for _ in range(2))
     assert np.array_equal(first, again)
-    other = settled([cut], ball(), Fabric(), fall._replace(seed=1))[0].points
+    other = settled([cut], ball(), ClothMechanics(), fall._replace(seed=1))[0].points
     assert not np.array_equal(first, other)
 
 
@@ -415,9 +417,12 @@ def test_garments_of_figures_are_boxes(figure, name, height):
     ("wrong", "message"),
     [
         (lambda: flat(-1.0, 5.0, 1.0), "sizes above 0"),
-        (lambda: settled([flat(20.0, 20.0, 1.0)], NOTHING, Fabric(bending=-1.0)), "none below 0"),
-        (lambda: settled([flat(20.0, 20.0, 1.0)], NOTHING, Fabric(), Fall(spacing=0.0)), "spacing above 0"),
-        (lambda: settled([flat(20.0, 20.0, 1.0)], NOTHING, Fabric(), Fall(spacing=7.0)), "half its shorter edge"),
+        (lambda: settled([flat(20.0, 20.0, 1.0)], NOTHING, ClothMechanics(bending=-1.0)), "none below 0"),
+        (lambda: settled([flat(20.0, 20.0, 1.0)], NOTHING, ClothMechanics(), Fall(spacing=0.0)), "spacing above 0"),
+        (
+            lambda: settled([flat(20.0, 20.0, 1.0)], NOTHING, ClothMechanics(), Fall(spacing=7.0)),
+            "half its shorter edge",
+        ),
         (lambda: Sheet(np.zeros((3, 9, 3)), np.zeros((3, 9)), np.zeros((3, 9))), "4 × 4"),
         (lambda: sheet_chart([], 1.0), "0 sheets"),
         (lambda: hanging((20.0, 20.0), 9, 9.0), "do not fit"),

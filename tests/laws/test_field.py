@@ -28,7 +28,7 @@ from hagoromo.transport.field.cell_size import cell_size as real_cell_size
 from hagoromo.transport.field.cell_size import light_bytes
 from hagoromo.transport.field.cells import with_neighbours
 from hagoromo.transport.field.directions import directions, turn
-from hagoromo.transport.field.scattering import Scattering, scattered
+from hagoromo.transport.field.scattering import ScatteringTables, scattered
 from hagoromo.transport.field.second_order import projected, second_order
 from hagoromo.volume.box import VolumeBox
 
@@ -129,7 +129,7 @@ def test_smooth_light_is_scattered_as_by_quadrature_over_all_directions(element)
     """
     jit, count, numbers = arrays(), 3000, np.random.default_rng(1).normal(size=9)
     axis, ways = np.array([0.36, -0.48, 0.8]), spiral(count)
-    axes, each, scattering = jit.Array3f(*map(float, axis)), 4 * math.pi / count, Scattering([GLOSSY[element]])
+    axes, each, scattering = jit.Array3f(*map(float, axis)), 4 * math.pi / count, ScatteringTables([GLOSSY[element]])
     light = np.array(second_order([jit.Float(float(x)) for x in numbers]).at(vectors(ways)), float)
     eyes = ways[:: count // 25][np.abs(ways[:: count // 25] @ axis) > 0.25]
     pairs = vectors(np.tile(ways, (len(eyes), 1))), vectors(np.repeat(eyes, count, axis=0))

@@ -16,7 +16,7 @@ import hagoromo as hg
 from hagoromo.backend import arrays
 from hagoromo.image import path_picture
 from hagoromo.image.render import PreparedScene
-from hagoromo.image.walk_sums import Sums
+from hagoromo.image.walk_sums import WalkSums
 from hagoromo.image.walked import Walked
 from hagoromo.reflectance.element import ELEMENTS
 from hagoromo.transport.materials import Materials
@@ -338,7 +338,7 @@ def test_the_variance_of_a_picture_is_that_of_its_mean():
     """Of Y: that of independent draws over their number, whichever way they are added."""
     draws = np.random.default_rng(18).exponential(size=(6, 50, 5)).astype(np.float32)
     lamps = [hg.Lamp(to_lamp=LAMP), hg.Lamp(to_lamp=EYE, spectrum=BLUE)]
-    sums = Sums(2, 3, Palette((RED,), (GREY,), ()).with_lamps(lamps), lamps[0].spectrum)
+    sums = WalkSums(2, 3, Palette((RED,), (GREY,), ()).with_lamps(lamps), lamps[0].spectrum)
     for begin in (0, 4):
         for part in (slice(0, 20), slice(20, 50)):
             some = np.arange(begin, min(begin + 4, 6))

@@ -21,7 +21,7 @@ from hagoromo.reflectance.pigment import Pigment, skin_colour
 from hagoromo.reflectance.reflectance import Reflectance, reflectance_from_record
 from hagoromo.volume.box import VolumeBox
 from hagoromo_matter.skin.skin import Flush, Granules, check_granules, skin, skin_on, skin_patch
-from hagoromo_matter.skin.skin_lines import Lines, furrows, pores, primary, secondary
+from hagoromo_matter.skin.skin_lines import FurrowLattice, furrows, pores, primary, secondary
 from tests.data import DATA, real_data
 
 NIST = "nist_skin/nist_skin_70_subjects_250_1000nm.csv"
@@ -68,7 +68,7 @@ def test_primary_lines_are_as_deep_and_as_near_as_stated(primary_mm):
     family FAINTEST + (1 − FAINTEST) · 0.6 on average as the noise that fades it: bounds of a third hold any such mean.
     Two lines meet at one point only, so their masses add but for a few per cent.
     """
-    lines = Lines(primary_mm=primary_mm, primary_depth_mm=0.03)
+    lines = FurrowLattice(primary_mm=primary_mm, primary_depth_mm=0.03)
     side = 60 * primary_mm
     found = relief(lambda p, n: primary(p, n, lines, arrays().UInt(1)), side, 2400)
     assert found.max() == pytest.approx(lines.primary_depth_mm, rel=0.05)
@@ -81,7 +81,7 @@ def test_primary_lines_are_as_deep_and_as_near_as_stated(primary_mm):
 @pytest.mark.parametrize("rhomb_deg", [40.0, 90.0])
 def test_primary_lines_run_along_the_sides_of_rhombs(rhomb_deg):
     """The relief's spectrum is strongest across the told directions, to the 8° that the warp spreads its peaks."""
-    lines = Lines(primary_mm=0.8, primary_depth_mm=0.05, rhomb_deg=rhomb_deg)
+    lines = FurrowLattice(primary_mm=0.8, primary_depth_mm=0.05, rhomb_deg=rhomb_deg)
     side, pixels = 60.0, 1200
     found = relief(lambda p, n: primary(p, n, lines, arrays().UInt(2)), side, pixels)
     power = np.abs(np.fft.fft2((found - found.mean()) * np.outer(np.hanning(pixels), np.hanning(pixels)))) ** 2
@@ -104,7 +104,7 @@ def test_secondary_lines_enclose_fields_of_their_size():
     """
     from skimage.measure import label
 
-    lines = Lines(secondary_mm=0.4, secondary_depth_mm=0.02)
+    lines = FurrowLattice(secondary_mm=0.4, secondary_depth_mm=0.02)
     side = 16.0
     found = relief(lambda p, n: secondary(p, lines, arrays().UInt(3)), side, 1600)
     assert found.max() == pytest.approx(lines.secondary_depth_mm, rel=0.02)
@@ -118,7 +118,7 @@ def test_pores_stand_as_dense_as_stated():
     """Counted as connected hollows: Poisson scatter of ¹/√n at 3 σ, and a tenth for those that touch or are shallow."""
     from skimage.measure import label
 
-    lines = Lines(pore_mm=0.12, pores_per_cm2=90.0)
+    lines = FurrowLattice(pore_mm=0.12, pores_per_cm2=90.0)
     side = 40.0
     found = relief(lambda p, n: pores(p, lines, arrays().UInt(4)), side, 2400)
     count, expected = np.asarray(label(found > 0)).max(), lines.pores_per_cm2 * (0.1 * side) ** 2
@@ -128,7 +128,7 @@ def test_pores_stand_as_dense_as_stated():
 
 def test_what_the_lattice_cannot_carry_fades():
     """No relief at voxels of its size, all of it at a fraction, more in between."""
-    lines, (point, normal) = Lines(), square(8.0, 400)
+    lines, (point, normal) = FurrowLattice(), square(8.0, 400)
     found = [
         float(np.array(furrows(point, normal, lines, Fineness(voxel, 0.1), arrays().UInt(5)) + 0.0 * point.x).mean())
         for voxel in (0.2, 0.1, 0.02, 0.01)

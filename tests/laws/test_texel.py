@@ -27,7 +27,7 @@ from hagoromo.volume.store.box_store import load_box, look_at_box, save_box
 from hagoromo.volume.texel import OLD_NUMBERS, Texel, table_directions
 from hagoromo_matter.texel.micro_structure import texel
 from hagoromo_matter.texel.shell import Chart, shell
-from hagoromo_matter.texel.texel_match import Rays, light_sent, matched
+from hagoromo_matter.texel.texel_match import LayerRays, light_sent, matched
 
 WHITE = Spectrum.constant(1.0)
 MATTER = Reflectance(0.2, 0.2, 0.3, 1.5, WHITE, element="cylinder")
@@ -235,7 +235,7 @@ def test_matched_levels_pass_and_send_back_what_the_finest_does(extinction):
 def test_matched_levels_let_through_what_the_finest_does():
     """3 % of the mean light, on either side of the lamp, over random pairs that the scales were not fitted to."""
     through = replace(MATTER, alpha=0.12, beta=0.1, transmission=0.4, clearness=0.4)
-    made, tau, rays = block(), 1e3 / PATH, Rays()
+    made, tau, rays = block(), 1e3 / PATH, LayerRays()
     made = matched(replace(made, levels=made.levels[::4]), tau, (through, through), "projected")
     finest = light_sent(made, 0, tau, (through, through), "projected", rays).sum(axis=1)
     for level in range(1, len(made.levels)):
@@ -285,7 +285,7 @@ LAMPS_AROUND = direction(*np.array([(d, t) for d in (0, 30, 60, 120, 150) for t 
 
 def light_of(made, levels, pairs, side=28):
     """Light of some levels for pairs of directions, (levels, pairs); it goes through rays, no part of the match."""
-    rays, tau = Rays(side, pairs), 1e3 / PATH
+    rays, tau = LayerRays(side, pairs), 1e3 / PATH
     return np.array([light_sent(made, k, tau, (MATTER, MATTER), rays=rays).sum(axis=(1, 2)) for k in levels])
 
 

@@ -15,12 +15,12 @@ from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.box import VolumeBox
-from hagoromo_page.viewer.controls import Choice, Colour, Place, Slider, body_of_rgb, controls, rgb_of_body
+from hagoromo_page.viewer.controls import Choice, Colour, Slider, VectorControl, body_of_rgb, controls, rgb_of_body
 from hagoromo_page.viewer.development import shoulder
 from hagoromo_page.viewer.layers import MATERIAL_COLOURS, light_layer, matter_pictures, shadow_pictures
 from hagoromo_page.viewer.probe import WAVELENGTHS, probe
 from hagoromo_page.viewer.scene_files import opened
-from hagoromo_page.viewer.view_state import Development
+from hagoromo_page.viewer.view_state import ViewTransform
 from tests.ball_scene import ball_scene
 
 CAMERA = Camera(13, 11, (90.0, 90.0), (6.5, 5.5)).look_at((0.0, -1.0, 0.0), (0, 0, 0))
@@ -138,7 +138,7 @@ def test_every_control_gives_back_what_it_was_set_to_and_makes_a_scene(tmp_path)
         value = {
             Slider: lambda kind: 0.5 * (max(kind.least, 0.3) + min(kind.most, 0.9)),
             Choice: lambda kind: kind.names[-1],
-            Place: lambda _: (0.6, -1.5, 0.8),
+            VectorControl: lambda _: (0.6, -1.5, 0.8),
             Colour: lambda _: (120, 90, 70),
         }[type(control.kind)](control.kind)
         if control.name.endswith(("alpha", "beta")):
@@ -168,4 +168,4 @@ def test_the_shoulder_is_smooth_rises_and_stays_below_white():
     curved = shoulder(values)
     assert np.array_equal(curved[values <= 0.8], values[values <= 0.8]) and (np.diff(curved) > 0).all()
     assert curved.max() < 1.0 and np.isclose((shoulder(np.array(0.8 + 1e-6)) - 0.8) / 1e-6, 1.0, rtol=1e-4)
-    assert Development().tone == "clipped"
+    assert ViewTransform().tone == "clipped"

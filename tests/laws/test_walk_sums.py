@@ -9,7 +9,7 @@ import hagoromo as hg
 from hagoromo.backend import name
 from hagoromo.image.settings import Settings
 from hagoromo.image.sums_channels import channels_of_sums, sums_of_channels
-from hagoromo.image.walk_sums import COVERED, TILE, Stop, Sums
+from hagoromo.image.walk_sums import COVERED, TILE, Stop, WalkSums
 from hagoromo.image.walked import Walked
 from hagoromo.transport.palette import Palette
 
@@ -19,7 +19,7 @@ SIDE = 40  # px; more than two tiles, the last ones cut off
 
 def sums_of_picture():
     palette = Palette((WHITE,), (), ()).with_lamps([hg.Lamp(to_lamp=(0, 0, 1))])
-    return Sums(SIDE, SIDE, palette, WHITE)
+    return WalkSums(SIDE, SIDE, palette, WHITE)
 
 
 def even(random, mean, count):

@@ -24,7 +24,7 @@ from hagoromo.camera.camera import Camera
 from hagoromo.camera.formats.camera_file import read_camera
 from hagoromo.errors import InputError
 from hagoromo.files.picture import read_picture
-from hagoromo.light.lamp_spread import Spread, check_spread
+from hagoromo.light.lamp_spread import LampSpread, check_spread
 from hagoromo.progress import Progress, part_of, silent
 
 Reading = LampReading | LampPlace
@@ -208,7 +208,7 @@ def _distance(lamp: Reading, radius: float | None) -> float:
     return float(np.linalg.norm(lamp.position - eye - radius * (shown.centre + shown.normal[0])))
 
 
-def _spread(readings: Sequence[Reading]) -> tuple[Spread | None, str]:
+def _spread(readings: Sequence[Reading]) -> tuple[LampSpread | None, str]:
     """How the directions are spread; None for lamps from which normals cannot be solved, and why."""
     try:
         return check_spread([lamp.to_lamp for lamp in readings]), ""

@@ -18,7 +18,7 @@ from hagoromo.errors import InputError
 from hagoromo.files.record import decode, read_json, save_json, written_by
 from hagoromo.least_squares.fit_status import FitStatus
 from hagoromo.light.lamp import Lamp
-from hagoromo.light.lamp_spread import Spread
+from hagoromo.light.lamp_spread import LampSpread
 from hagoromo.photograph.lamps_file import LampsRecord
 
 LAMP = ("name", "to_lamp", "position", "intensity")  # keys of a lamp in a capture's transforms.json
@@ -35,7 +35,7 @@ class LampCalibration:
     readings: tuple[LampReading | LampPlace, ...]
     strengths: tuple[Strength | None, ...]
     balls: tuple[Ball, ...]
-    spread: Spread | None
+    spread: LampSpread | None
     remark: str = ""
     settings: Mapping[str, Any] = field(default_factory=dict)
 
@@ -98,7 +98,7 @@ def _from_record(record: LampsRecord) -> LampCalibration:
         tuple(readings),
         tuple(_strength(one) for one in record.readings),
         balls,
-        None if record.spread is None else Spread(**record.spread),
+        None if record.spread is None else LampSpread(**record.spread),
         settings=record.hagoromo.settings,
     )
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hagoromo.calibration.lamps.ball import Array, Ball, find_ball, grey
-from hagoromo.calibration.lamps.regression import Fitted, robust_regression
+from hagoromo.calibration.lamps.regression import Regression, robust_regression
 from hagoromo.calibration.lamps.strength import Strength
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
@@ -123,7 +123,7 @@ def _shading(reference: Reference, values: Array, used: NDArray[np.bool_]) -> tu
     if used.sum() < FEWEST:
         return None
     design = np.c_[reference.normal[used], np.ones(int(used.sum()))]
-    fit: Fitted = robust_regression(design, values[used], reference.tiles[used])
+    fit: Regression = robust_regression(design, values[used], reference.tiles[used])
     if not fit.status.converged:
         return None
     length = float(np.linalg.norm(fit.coefficients[:3]))

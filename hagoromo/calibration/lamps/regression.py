@@ -16,7 +16,7 @@ REGRESSION_REWEIGHTINGS = 15
 LARGEST_CHANGE = 1e-3  # relative change of the coefficients in the last reweighting of a fit that has converged
 
 
-class Fitted(NamedTuple):
+class Regression(NamedTuple):
     """coefficients (p,), their covariance (p, p), and scatter: standard deviation of the residuals, by their median.
 
     status: how the reweighting ended.
@@ -28,7 +28,7 @@ class Fitted(NamedTuple):
     status: FitStatus
 
 
-def robust_regression(design: Array, values: Array, tiles: NDArray[np.integer]) -> Fitted:
+def robust_regression(design: Array, values: Array, tiles: NDArray[np.integer]) -> Regression:
     """values (n,) = design (n, p) · coefficients, with Cauchy's weights.
 
     tiles: (n,) number of the tile of each value; the covariance is clustered by them (Liang and Zeger 1986).
@@ -52,4 +52,6 @@ def robust_regression(design: Array, values: Array, tiles: NDArray[np.integer]) 
     np.add.at(score, tiles, design * (weight * residuals)[:, None])
     score = score[np.bincount(tiles, minlength=len(score)) > 0]
     few = len(score) / max(len(score) - design.shape[1], 1)
-    return Fitted(np.asarray(coefficients, np.float64), few * inverse @ (score.T @ score) @ inverse, scatter, status)
+    return Regression(
+        np.asarray(coefficients, np.float64), few * inverse @ (score.T @ score) @ inverse, scatter, status
+    )

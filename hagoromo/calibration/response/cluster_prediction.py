@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from hagoromo.calibration.response.curve_evidence import Found, most_evidence, typical_noise
 from hagoromo.calibration.response.curve_mode import laplace
 from hagoromo.calibration.response.curve_prior import CurvePrior
-from hagoromo.calibration.response.reading_equations import Equations, Noise, Rows
+from hagoromo.calibration.response.reading_equations import ReadingEquations, ReadingNoise, Rows
 
 CLUSTERS = 5  # of similar spectra; each is predicted from the others
 FEWEST_CLUSTERED = 40  # least number of readings for that
@@ -27,7 +27,7 @@ LARGE = 1e300  # misfit of a fit that does not converge
 Array = NDArray[np.float64]
 
 
-def best_predicting(equations: Equations, best: Found, priors: Sequence[CurvePrior]) -> Found:
+def best_predicting(equations: ReadingEquations, best: Found, priors: Sequence[CurvePrior]) -> Found:
     """`best`, the fit by evidence; or, if that predicts clusters of spectra badly, the prior and noise that do better.
 
     Of the noises that predict as well as the best one, within a standard error, the largest is taken, as the errors are
@@ -52,7 +52,7 @@ def best_predicting(equations: Equations, best: Found, priors: Sequence[CurvePri
     factor = factors[max(as_well)]
     if factor == 1.0:
         return candidates[kind]
-    noise = Noise(*(factor * of for of in candidates[kind].noise))
+    noise = ReadingNoise(*(factor * of for of in candidates[kind].noise))
     return most_evidence(equations, candidates[kind].prior, noise) or candidates[kind]
 
 
@@ -61,12 +61,12 @@ def _certain(gain: Array) -> bool:
     return bool(gain.sum() > np.sqrt(len(gain)) * gain.std(ddof=1))
 
 
-def _log_misfits(equations: Equations, found: Found, factor: float, clusters: Sequence[Rows]) -> Array:
+def _log_misfits(equations: ReadingEquations, found: Found, factor: float, clusters: Sequence[Rows]) -> Array:
     """(clusters,): ln misfit of each cluster by the curve from the others, which have `factor` times the noise.
 
     The logarithm, so that a cluster that nothing predicts does not decide.
     """
-    noise = Noise(*(factor * of for of in found.noise))
+    noise = ReadingNoise(*(factor * of for of in found.noise))
     misfits, start = np.full(len(clusters), np.log(LARGE)), found.prior.start(equations.wavelengths)
     for k, rows in enumerate(clusters):
         others = equations.where(np.setdiff1d(np.arange(len(equations.readings)), rows))

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from hagoromo.calibration.response.curve_evidence import DIVERGED, Found, most_evidence
 from hagoromo.calibration.response.curve_prior import CurvePrior
-from hagoromo.calibration.response.reading_equations import Equations
+from hagoromo.calibration.response.reading_equations import ReadingEquations
 from hagoromo.errors import InputError
 
 Array = NDArray[np.float64]
@@ -43,7 +43,7 @@ def common_cause(
     residuals = []
     for name, reading in readings.items():
         use = np.isfinite(reading) & (reading > 0.0)
-        equations = Equations.scaled(wavelengths, matrix[use], reading[use])
+        equations = ReadingEquations.scaled(wavelengths, matrix[use], reading[use])
         found = None if known is None else known.get(name)
         found = most_evidence(equations, priors[name][0]) if found is None else found
         if found is None:

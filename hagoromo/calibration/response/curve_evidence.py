@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from hagoromo.calibration.response.curve_mode import Mode, laplace
 from hagoromo.calibration.response.curve_prior import CurvePrior
-from hagoromo.calibration.response.reading_equations import Equations, Noise
+from hagoromo.calibration.response.reading_equations import ReadingEquations, ReadingNoise
 from hagoromo.errors import InputError
 from hagoromo.least_squares.fit_status import FitStatus, scipy_status
 
@@ -31,11 +31,11 @@ class Found(NamedTuple):
 
     prior: CurvePrior
     parameters: Array
-    noise: Noise
+    noise: ReadingNoise
     cost: float
     status: FitStatus
 
-    def mode(self, equations: Equations, start: Array | None = None) -> Mode:
+    def mode(self, equations: ReadingEquations, start: Array | None = None) -> Mode:
         """The most likely curve. Raises `InputError` if the fit does not converge."""
         z = self.prior.start(equations.wavelengths) if start is None else start
         mode = laplace(equations, self.prior, self.parameters, self.noise, z)
@@ -44,12 +44,12 @@ class Found(NamedTuple):
         return mode
 
 
-def typical_noise() -> Noise:
+def typical_noise() -> ReadingNoise:
     """The noise that is expected before the readings are seen."""
-    return Noise(NOISES[0][0], NOISES[1][0])
+    return ReadingNoise(NOISES[0][0], NOISES[1][0])
 
 
-def best_prior(equations: Equations, priors: Sequence[CurvePrior]) -> Found:
+def best_prior(equations: ReadingEquations, priors: Sequence[CurvePrior]) -> Found:
     """The prior, its parameters and the noise of the most evidence. Raises `InputError` if no fit converges."""
     searched = [found for prior in priors if (found := most_evidence(equations, prior)) is not None]
     if not searched:
@@ -57,7 +57,7 @@ def best_prior(equations: Equations, priors: Sequence[CurvePrior]) -> Found:
     return min(searched, key=lambda found: found.cost)
 
 
-def most_evidence(equations: Equations, prior: CurvePrior, noise: Noise | None = None) -> Found | None:
+def most_evidence(equations: ReadingEquations, prior: CurvePrior, noise: ReadingNoise | None = None) -> Found | None:
     """The parameters of `prior` and the noise of the most evidence; None if no fit converges.
 
     noise: if it is known, it is not searched.
@@ -70,7 +70,9 @@ def most_evidence(equations: Equations, prior: CurvePrior, noise: Noise | None =
     last = [prior.start(equations.wavelengths)]  # each fit starts where the one before it ended
 
     def cost(parameters: Array) -> float:
-        mode = laplace(equations, prior, parameters[:count], noise or Noise(*np.exp(parameters[count:])), last[0])
+        mode = laplace(
+            equations, prior, parameters[:count], noise or ReadingNoise(*np.exp(parameters[count:])), last[0]
+        )
         if mode is None:
             return np.inf
         last[0] = mode.z
@@ -81,5 +83,5 @@ def most_evidence(equations: Equations, prior: CurvePrior, noise: Noise | None =
     search = minimize(cost, middles, method="Nelder-Mead", options=options)
     if not np.isfinite(search.fun):
         return None
-    noise = noise or Noise(*(float(of) for of in np.exp(search.x[count:])))
+    noise = noise or ReadingNoise(*(float(of) for of in np.exp(search.x[count:])))
     return Found(prior, search.x[:count], noise, float(search.fun), scipy_status(search))

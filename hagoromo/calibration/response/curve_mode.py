@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from hagoromo.calibration.response.curve_prior import CurvePrior
 from hagoromo.calibration.response.curve_process import positive, slope
-from hagoromo.calibration.response.reading_equations import Equations, Noise, Normal
+from hagoromo.calibration.response.reading_equations import Normal, ReadingEquations, ReadingNoise
 
 CURVE_STEPS = 200  # most Gauss–Newton steps to the mode of one curve
 CURVE_DECREASE = 1e-6
@@ -38,7 +38,9 @@ class Mode(NamedTuple):
         return self.scale * slope(self.z)
 
 
-def laplace(equations: Equations, prior: CurvePrior, parameters: Array, noise: Noise, start: Array) -> Mode | None:
+def laplace(
+    equations: ReadingEquations, prior: CurvePrior, parameters: Array, noise: ReadingNoise, start: Array
+) -> Mode | None:
     """The mode with −log evidence as its cost; None if the Newton steps do not converge.
 
     parameters: of the prior.

@@ -18,8 +18,8 @@ from hagoromo.calibration.response.curve_evidence import DIVERGED, Found, best_p
 from hagoromo.calibration.response.curve_mode import Mode, laplace
 from hagoromo.calibration.response.curve_prior import CurvePrior, priors_of
 from hagoromo.calibration.response.curve_process import positive
-from hagoromo.calibration.response.reading_equations import LEAST_NOISE, Equations, Groups, Rows
-from hagoromo.calibration.response.reading_transfer import Transfer, fit_transfer, linear_readings
+from hagoromo.calibration.response.reading_equations import LEAST_NOISE, Groups, ReadingEquations, Rows
+from hagoromo.calibration.response.reading_transfer import ReadingTransfer, fit_transfer, linear_readings
 from hagoromo.errors import InputError
 from hagoromo.least_squares.fit_status import FitStatus
 
@@ -48,7 +48,7 @@ class PositiveCurve:
     noise: float
     status: FitStatus
     prior: str = ""
-    transfer: Transfer | None = None
+    transfer: ReadingTransfer | None = None
     shared: float = 0.0
     gains: Array | None = None
     unit: float = 1.0
@@ -69,7 +69,7 @@ def fit_positive_curve(
     channels show one that this one leaves open. priors: among which the evidence chooses (default: smooth). groups:
     (m,) numbers of the groups whose readings may share a factor. Raises `InputError` if the fit does not converge.
     """
-    equations = Equations.scaled(wavelengths, matrix, readings, rounding)
+    equations = ReadingEquations.scaled(wavelengths, matrix, readings, rounding)
     priors = priors or priors_of("", wavelengths)
     if groups is not None:
         equations = _grouped(equations, priors[0], groups)
@@ -90,18 +90,18 @@ def fit_positive_curve(
 
 def typical_curve(wavelengths: Array, matrix: Array, readings: Array, prior: CurvePrior) -> Array:
     """R (n,) as `fit_positive_curve`, for typical noise and smoothness: a first look without a search."""
-    equations = Equations.scaled(wavelengths, matrix, readings)
+    equations = ReadingEquations.scaled(wavelengths, matrix, readings)
     return equations.unit * _typical(equations, prior).curve
 
 
-def _typical(equations: Equations, prior: CurvePrior) -> Mode:
+def _typical(equations: ReadingEquations, prior: CurvePrior) -> Mode:
     mode = laplace(equations, prior, prior.middles, typical_noise(), prior.start(equations.wavelengths))
     if mode is None:
         raise InputError(DIVERGED)
     return mode
 
 
-def _grouped(equations: Equations, prior: CurvePrior, groups: Rows) -> Equations:
+def _grouped(equations: ReadingEquations, prior: CurvePrior, groups: Rows) -> ReadingEquations:
     """With what groups share, where there are two groups or more and some have several readings.
 
     What a group shares is a share of the readings that a first curve expects: a share of the readings themselves would
@@ -113,7 +113,7 @@ def _grouped(equations: Equations, prior: CurvePrior, groups: Rows) -> Equations
     return equations._replace(groups=Groups(labels, equations.matrix @ _typical(equations, prior).curve))
 
 
-def _curve(equations: Equations, found: Found, transfer: Transfer | None) -> PositiveCurve:
+def _curve(equations: ReadingEquations, found: Found, transfer: ReadingTransfer | None) -> PositiveCurve:
     mode = found.mode(equations)
     rate, unit = mode.rate, equations.unit
     covariance: Array = np.linalg.inv(mode.curvature).astype(np.float64)
@@ -133,7 +133,7 @@ def _curve(equations: Equations, found: Found, transfer: Transfer | None) -> Pos
     )  # fmt: skip
 
 
-def _gains(equations: Equations, groups: Groups, found: Found, mode: Mode, covariance: Array) -> Array:
+def _gains(equations: ReadingEquations, groups: Groups, found: Found, mode: Mode, covariance: Array) -> Array:
     """(groups, 2): 1 + g of each group, and its standard error with that of the curve."""
     labels, expected = groups
     weight = equations.inverse(found.noise._replace(shared=0.0)).weight

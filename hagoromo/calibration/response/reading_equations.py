@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 Rows = NDArray[np.intp]
 
 
-class Noise(NamedTuple):
+class ReadingNoise(NamedTuple):
     """Standard deviations: relative to a reading; of any reading, over the mean one; and of the shared factor g."""
 
     relative: float
@@ -53,7 +53,7 @@ class Inverse(NamedTuple):
         return weighted - self.pull @ (self.pull.T @ columns) if self.pull.shape[1] else weighted
 
 
-class Equations(NamedTuple):
+class ReadingEquations(NamedTuple):
     """readings (m,) = matrix (m, n) R, both scaled so that R = 1 gives readings of mean 1.
 
     wavelengths: (n,) [nm]. rounding: variance of the readings by rounding. unit: of R. groups: None: no shared errors.
@@ -67,21 +67,21 @@ class Equations(NamedTuple):
     groups: Groups | None = None
 
     @staticmethod
-    def scaled(wavelengths: Array, matrix: Array, readings: Array, rounding: float = 0.0) -> Equations:
+    def scaled(wavelengths: Array, matrix: Array, readings: Array, rounding: float = 0.0) -> ReadingEquations:
         """From a matrix and readings in any units; the readings have a mean above 0."""
         size, level = matrix.sum(axis=1).mean(), max(float(readings.mean()), 1e-300)
-        return Equations(matrix / size, readings / level, wavelengths, rounding / level**2, level / size)
+        return ReadingEquations(matrix / size, readings / level, wavelengths, rounding / level**2, level / size)
 
     @property
     def noises(self) -> int:
-        """Number of figures that `Noise` has here."""
+        """Number of figures that `ReadingNoise` has here."""
         return 2 if self.groups is None else 3
 
-    def linearised(self, power: float, offset: float) -> Equations:
+    def linearised(self, power: float, offset: float) -> ReadingEquations:
         """With readings that are proportional to light, if they were ρ^power + offset."""
         return self._replace(readings=np.maximum(self.readings - offset, 1e-6) ** (1.0 / power))
 
-    def inverse(self, noise: Noise) -> Inverse:
+    def inverse(self, noise: ReadingNoise) -> Inverse:
         """Of the covariance of the errors: (relative · reading)² + floor² + rounding, and what groups share."""
         least = LEAST_NOISE**2
         variance = (noise.relative**2 + least) * self.readings**2 + noise.floor**2 + least + self.rounding
@@ -101,7 +101,7 @@ class Equations(NamedTuple):
             self.matrix.T @ towards, towards.T @ self.readings, float(self.readings @ inverse.times(self.readings))
         )
 
-    def where(self, rows: Rows) -> Equations:
+    def where(self, rows: Rows) -> ReadingEquations:
         """The readings of some rows, without what they share with others."""
         return self._replace(matrix=self.matrix[rows], readings=self.readings[rows], groups=None)
 

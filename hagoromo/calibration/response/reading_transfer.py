@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from hagoromo.calibration.response.curve_evidence import Found, best_prior
 from hagoromo.calibration.response.curve_mode import laplace
-from hagoromo.calibration.response.reading_equations import Equations
+from hagoromo.calibration.response.reading_equations import ReadingEquations
 
 TRANSFER_PRIOR = (0.5, 0.2)  # standard deviations of the power (around 1) and of the offset [mean reading]
 TRANSFER_STEPS = 6
@@ -22,7 +22,7 @@ CERTAIN_TRANSFER = 5.0  # standard errors of a power or offset that is reported
 Array = NDArray[np.float64]
 
 
-class Transfer(NamedTuple):
+class ReadingTransfer(NamedTuple):
     """Readings are ρ^power + offset, in units of their mean; covariance (2, 2); effect (n, 2) of both on the curve.
 
     stated: whether the power is taken from other channels.
@@ -60,7 +60,9 @@ class Transfer(NamedTuple):
         return self.stated or self.bent or self.shifted
 
 
-def fit_transfer(equations: Equations, found: Found, power: float = 1.0, offset: float = 0.0) -> Transfer | None:
+def fit_transfer(
+    equations: ReadingEquations, found: Found, power: float = 1.0, offset: float = 0.0
+) -> ReadingTransfer | None:
     """Power and offset of the readings, from an earlier estimate; None where the fit does not converge.
 
     Gauss–Newton on both: readings are made linear by the last estimate and compared with the curve that fits them. A
@@ -84,10 +86,12 @@ def fit_transfer(equations: Equations, found: Found, power: float = 1.0, offset:
         step = covariance @ (weighted.T @ (linear.readings - expected) - away)
         power, offset = float(np.clip(power * (1.0 + step[0]), 0.2, 5.0)), float(np.clip(offset + step[1], -0.5, 0.5))
         linear = equations.linearised(power, offset)
-    return Transfer(power, offset, covariance, effect)
+    return ReadingTransfer(power, offset, covariance, effect)
 
 
-def linear_readings(equations: Equations, found: Found) -> tuple[Equations, Found, Transfer | None]:
+def linear_readings(
+    equations: ReadingEquations, found: Found
+) -> tuple[ReadingEquations, Found, ReadingTransfer | None]:
     """With readings made linear, if that is certain; else as they are. found: of the readings as they are.
 
     A wrong transfer looks like noise to the first fit, so its noise would hide the transfer: the fit of the linearised

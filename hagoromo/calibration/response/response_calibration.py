@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from hagoromo.calibration.response.black_level import BlackLevel
 from hagoromo.calibration.response.doubtful_readings import Doubtful
-from hagoromo.calibration.response.reading_transfer import Transfer
+from hagoromo.calibration.response.reading_transfer import ReadingTransfer
 from hagoromo.camera.response import Response
 from hagoromo.errors import InputError
 from hagoromo.files.record import write_json, written_by
@@ -44,7 +44,7 @@ class ResponseCalibration:
     noise: NDArray[np.float64]
     length: NDArray[np.float64]
     statuses: tuple[FitStatus, ...] = ()
-    transfers: tuple[Transfer | None, ...] = ()
+    transfers: tuple[ReadingTransfer | None, ...] = ()
     doubtful: Doubtful | None = None
     priors: tuple[str, ...] = ()
     shared: tuple[float, ...] = ()
@@ -144,7 +144,7 @@ class ResponseCalibration:
         return path, path.with_name(f"{path.stem}_interval.csv"), path.with_suffix(".json")
 
 
-def _transfer_said(transfer: Transfer) -> str:
+def _transfer_said(transfer: ReadingTransfer) -> str:
     """What a wrong transfer is, and what to do."""
     power, offset = transfer.errors
     said = []
@@ -156,7 +156,7 @@ def _transfer_said(transfer: Transfer) -> str:
     return f"the readings {' and '.join(said)}: {cure}"
 
 
-def _transfer_record(transfer: Transfer) -> dict[str, Any]:
+def _transfer_record(transfer: ReadingTransfer) -> dict[str, Any]:
     power, offset = transfer.errors
     return {
         "power": transfer.power, "power_error": power, "offset": transfer.offset, "offset_error": offset,

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from hagoromo.measurement.normals.normals import NormalMap
 from hagoromo.measurement.normals.photometric_model import Fit, further_lobes, precision, predicted
-from hagoromo.measurement.normals.pixel_fit import Light, fit_pixels
+from hagoromo.measurement.normals.pixel_fit import PixelConditions, fit_pixels
 from hagoromo.measurement.normals.views import Array, Views
 from hagoromo.measurement.surface.horizon import height_over_horizon
 from hagoromo.photograph.capture import Capture
@@ -128,7 +128,7 @@ def learn(capture: Capture, solved: NormalMap, seed: int = 0, passed: Array | No
     shadows, first, neighbours, second = min(both, key=lambda one: (1.0 - one[1]) * (1.0 - one[3]))
     residuals = None
     if neighbours is not None:
-        whole = Case(-1, *_known(capture, views), *_predictions(capture, views, fit, passed), fit.body)
+        whole = HeldOutFit(-1, *_known(capture, views), *_predictions(capture, views, fit, passed), fit.body)
         residuals = whole.residuals(shadows).astype(np.float32)
     before = _error([case.own for case in cases], None)
     error = float(np.sqrt(before * (1.0 - first) * (1.0 - second)))
@@ -136,7 +136,7 @@ def learn(capture: Capture, solved: NormalMap, seed: int = 0, passed: Array | No
 
 
 @dataclass(frozen=True, eq=False)
-class Case:
+class HeldOutFit:
     """A fit without photograph `number`, and what it gives of all: values (K, C, P), trusted (K, P), fitted (K, C, P)
     under the shares of light that were given, passed (K, P), height (K, P) of the lamps over the horizon, and even
     (K, P), by which lamps are uneven; body (C, P).
@@ -166,7 +166,7 @@ class Case:
         return np.where(self.trusted[:, None], left, 0.0)
 
     @property
-    def own(self) -> Case:
+    def own(self) -> HeldOutFit:
         """The photograph that was left out alone."""
         one = np.s_[self.number : self.number + 1]
         names = ("values", "trusted", "directions", "fitted", "passed", "height", "even")
@@ -178,7 +178,7 @@ class Case:
         return max(float(np.sum(np.where(self.trusted[:, None], self.values, 0.0) ** 2)), 1e-30)
 
 
-def _cases(capture: Capture, views: Views, fit: Fit, some: NDArray[np.intp], passed: Array) -> list[Case]:
+def _cases(capture: Capture, views: Views, fit: Fit, some: NDArray[np.intp], passed: Array) -> list[HeldOutFit]:
     """A fit without each of LEFT_OUT photographs, of some of the pixels."""
     few, few_fit, place = views.pixels(some), fit.pixels(some), views.place[some]
     values, trusted, directions = _known(capture, few)
@@ -190,11 +190,11 @@ def _cases(capture: Capture, views: Views, fit: Fit, some: NDArray[np.intp], pas
     for number in np.unique(np.linspace(0, count - 1, min(count, LEFT_OUT)).round().astype(int)).tolist():
         rest = np.arange(count) != number
         without = replace(few, used=few.used & rest[:, None])
-        light = Light(few_fit.rows, even, precision(without, fit.model_error))
+        light = PixelConditions(few_fit.rows, even, precision(without, fit.model_error))
         pixels = fit_pixels(without, light, few_fit.normals, few_fit.body)
         one = replace(few_fit, normals=pixels.normals, body=pixels.body)
         fitted = (even * passed)[:, None] * predicted(one, few.to_lamp, few.to_eye)
-        cases.append(Case(number, values, trusted, directions, fitted, passed, height, even, pixels.body))
+        cases.append(HeldOutFit(number, values, trusted, directions, fitted, passed, height, even, pixels.body))
     return cases
 
 
@@ -225,7 +225,7 @@ def _directions(to_lamp: Array) -> Array:
     return mean / np.linalg.norm(mean, axis=1, keepdims=True)
 
 
-def _shadows(cases: Sequence[Case], fitted: float) -> tuple[Shadows | None, float]:
+def _shadows(cases: Sequence[HeldOutFit], fitted: float) -> tuple[Shadows | None, float]:
     """The horizon's offset and spread and the ambient light that predict best, and their gain."""
     own = [case.own for case in cases]
     before = _error(own, None)
@@ -240,7 +240,7 @@ def _shadows(cases: Sequence[Case], fitted: float) -> tuple[Shadows | None, floa
     return (best, gain) if gain >= LEAST_GAIN else (None, 0.0)
 
 
-def _ambient(own: Sequence[Case], shadows: Shadows) -> float:
+def _ambient(own: Sequence[HeldOutFit], shadows: Shadows) -> float:
     """The ambient light, 0 or more, that leaves least squares under these shadows."""
     shared = power = 0.0
     for case in own:
@@ -251,12 +251,12 @@ def _ambient(own: Sequence[Case], shadows: Shadows) -> float:
     return max(shared / max(power, 1e-300), 0.0)
 
 
-def _error(own: Sequence[Case], shadows: Shadows | None) -> float:
+def _error(own: Sequence[HeldOutFit], shadows: Shadows | None) -> float:
     """Mean over the photographs left out of the squared error relative to the photograph."""
     return float(np.mean([np.sum((case.even[:, None] * case.residuals(shadows)) ** 2) / case.power for case in own]))
 
 
-def _neighbours(cases: Sequence[Case], shadows: Shadows | None) -> tuple[Neighbours | None, float]:
+def _neighbours(cases: Sequence[HeldOutFit], shadows: Shadows | None) -> tuple[Neighbours | None, float]:
     """The kernel whose interpolated residuals predict best, and their gain."""
     left = [case.residuals(shadows) for case in cases]
     scale = [case.even[case.number] / np.sqrt(case.own.power) for case in cases]

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
 from hagoromo.light.spectrum import Spectrum, smooth_rgb_basis
-from hagoromo.matter.relief.relief_field import DEPTH, LEAST_SKIN_COSINE, SKIN_VOXELS, Lattice, ReliefField
+from hagoromo.matter.relief.relief_field import DEPTH, LEAST_SKIN_COSINE, SKIN_VOXELS, ReliefField, ReliefLattice
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.store.field_blocks import FieldBlocks
 from hagoromo.volume.store.header import BoxHeader
@@ -88,7 +88,7 @@ def relief_plan(
     places = np.zeros((*known.shape, 3))
     places[known] = local - low
     surfaces = relief.labels if relief.surfaces is None else relief.surfaces
-    field = ReliefField(known, places, facing, colour, (relief.labels, surfaces), Lattice(camera, low, voxel))
+    field = ReliefField(known, places, facing, colour, (relief.labels, surfaces), ReliefLattice(camera, low, voxel))
     shape = tuple(int(count) for count in np.ceil((high - low) / voxel))
     header = BoxHeader(
         voxel,

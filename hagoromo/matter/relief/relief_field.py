@@ -37,7 +37,7 @@ BESIDE = [(down, right) for down in (-1, 0, 1) for right in (-1, 0, 1) if down o
 Array = NDArray[np.float64]
 
 
-class Lattice(NamedTuple):
+class ReliefLattice(NamedTuple):
     """Where the box lies before the camera: its low corner [m] in the camera's axes, along which it lies; voxel [m]."""
 
     camera: Camera
@@ -60,7 +60,7 @@ class ReliefField:
         facing: Array,
         colour: Array,
         labels: tuple[NDArray[np.integer], NDArray[np.integer]],
-        lattice: Lattice,
+        lattice: ReliefLattice,
     ) -> None:
         rows, columns = np.nonzero(known)
         self.first = int(columns.min()), int(rows.min())

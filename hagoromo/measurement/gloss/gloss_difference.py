@@ -29,14 +29,14 @@ FEWEST_NODES = 3  # nodes that two glosses must share
 MOST_PHOTOGRAPHS = 12
 
 
-class Lobe(NamedTuple):
+class TriedLobe(NamedTuple):
     """width: index into WIDTHS; strength: β F₀ [1/sr]."""
 
     width: int
     strength: float
 
 
-def glosses_differ(capture: Capture, pixels: Pixels, number: NDArray[np.integer], lobes: list[Lobe]) -> bool:
+def glosses_differ(capture: Capture, pixels: Pixels, number: NDArray[np.integer], lobes: list[TriedLobe]) -> bool:
     """Whether every two of `lobes` differ at the nodes that both cover; number (M,): index of each pixel's lobe."""
     scale = float(np.exp(np.mean([np.log(WIDTHS[lobe.width]) for lobe in lobes if lobe.strength > 0.0])))
     densities = [facet_densities(capture, pixels[number == i], scale) for i in range(len(lobes))]

@@ -13,7 +13,7 @@ import numpy as np
 
 from hagoromo.least_squares.loss import NORMAL_95
 from hagoromo.measurement.gloss.gloss_law import deviance
-from hagoromo.measurement.gloss.pixel_gloss import GlossLaw, PixelFit, PixelGloss
+from hagoromo.measurement.gloss.pixel_gloss import GlossLaw, PixelGloss, PixelGlossFit
 from hagoromo.measurement.material.estimate import PRIOR_N
 from hagoromo.measurement.material.uncertainty import RELATIVE_LIMIT
 from hagoromo.measurement.robust_fit import N_RANGE
@@ -36,7 +36,7 @@ class Index:
     interval: tuple[float, float] | None = None
 
 
-def refractive_index(fit: PixelFit, estimates: PixelGloss, n: float) -> Index:
+def refractive_index(fit: PixelGlossFit, estimates: PixelGloss, n: float) -> Index:
     """n from the pixels whose gloss is identifiable without a prior, given `estimates` at `n`; else PRIOR_N.
 
     The minimum of a parabola is the next start; after INDEX_SEARCH_TURNS of them the last one is used as it is.
@@ -61,7 +61,7 @@ def refractive_index(fit: PixelFit, estimates: PixelGloss, n: float) -> Index:
     return Index(1.0 + float(np.exp(best)), error**2, (float(first), float(last)))
 
 
-def _search(fit: PixelFit, gloss: Array, n: float) -> tuple[float, float]:
+def _search(fit: PixelGlossFit, gloss: Array, n: float) -> tuple[float, float]:
     """ln(n − 1) of highest likelihood, and its standard error; gloss (P, 2): at `n`."""
     low, high = (float(np.log(bound - 1.0)) for bound in N_RANGE)
     middle, best, error = float(np.log(n - 1.0)), 0.0, np.inf
@@ -77,17 +77,17 @@ def _search(fit: PixelFit, gloss: Array, n: float) -> tuple[float, float]:
     return best, error
 
 
-def _any_gloss(fit: PixelFit, gloss: Array, n: float, log_n1: float) -> float:
+def _any_gloss(fit: PixelGlossFit, gloss: Array, n: float, log_n1: float) -> float:
     """−2 ln likelihood of all pixels at ln(n − 1), with the gloss of each pixel free; gloss (P, 2): at `n`."""
     moved, start = _with_index(fit, gloss, n, log_n1)
     law = GlossLaw(start.mean(axis=0), FLAT_PRIOR**2 * np.eye(2))
     return float(deviance(moved.evaluate(moved.settled(start, law)[0]), law).sum())
 
 
-def _with_index(fit: PixelFit, gloss: Array, n: float, log_n1: float) -> tuple[PixelFit, Array]:
+def _with_index(fit: PixelGlossFit, gloss: Array, n: float, log_n1: float) -> tuple[PixelGlossFit, Array]:
     """`fit` at another ln(n − 1) with its weights, and `gloss` (P, 2) rescaled to the same β."""
     other = 1.0 + float(np.exp(log_n1))
     ratio = (other - 1.0) / (other + 1.0) * (n + 1.0) / (n - 1.0)
-    moved = PixelFit(fit.observations, other, fit.noise, fit.shape)
+    moved = PixelGlossFit(fit.observations, other, fit.noise, fit.shape)
     moved.weigh(fit.weight)
     return moved, gloss + np.array([2.0 * np.log(ratio), 0.0])

@@ -13,11 +13,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.measurement.gloss.gloss_difference import WIDTHS, Lobe, glosses_differ
+from hagoromo.measurement.gloss.gloss_difference import WIDTHS, TriedLobe, glosses_differ
 from hagoromo.measurement.gloss.gloss_record import with_gloss
 from hagoromo.measurement.gloss.gloss_spread import GlossSpread, gloss_spread
 from hagoromo.measurement.gloss.lobes import LobeShape
-from hagoromo.measurement.gloss.pixel_gloss import PixelFit, PixelGloss
+from hagoromo.measurement.gloss.pixel_gloss import PixelGloss, PixelGlossFit
 from hagoromo.measurement.material.segment import interior
 from hagoromo.measurement.observations import Observations, Pixels, known_shape, observe, observe_pixels
 from hagoromo.measurement.sight import Array
@@ -124,7 +124,7 @@ def _is_of_the_pixels(capture: Capture, samples: Observations, spread: GlossSpre
 
     The pixels are divided into halves by β, then by γ, and `glosses_differ` compares the facet densities of the halves.
     """
-    fit = PixelFit(samples, spread.n, spread.noise, shape)
+    fit = PixelGlossFit(samples, spread.n, spread.noise, shape)
     gloss, region = fit.solve(spread.law).gloss, np.zeros(capture.photographs[0].mask.shape, bool)
     region.flat[fit.pixels] = True
     pixels = Pixels.where(capture, region)  # in the order of the pixels of `fit`
@@ -136,8 +136,8 @@ def _is_of_the_pixels(capture: Capture, samples: Observations, spread: GlossSpre
     return False
 
 
-def _lobe(gloss: Array) -> Lobe:
-    return Lobe(int(np.argmin(np.abs(np.log(WIDTHS) - gloss[1]))), float(np.exp(gloss[0])))
+def _lobe(gloss: Array) -> TriedLobe:
+    return TriedLobe(int(np.argmin(np.abs(np.log(WIDTHS) - gloss[1]))), float(np.exp(gloss[0])))
 
 
 def _fill(
@@ -155,7 +155,7 @@ def _fill(
         samples = observe_pixels(capture, pixels[np.arange(start, min(start + size, len(pixels)))], white)
         if not samples.used.any():
             continue
-        fit = PixelFit(samples, spread.n, spread.noise, shape)
+        fit = PixelGlossFit(samples, spread.n, spread.noise, shape)
         _put(maps, np.divmod(fit.pixels, maps.beta.shape[1]), fit.solve(spread.law), spread)
 
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.measurement.gloss.gloss_difference import WIDTHS, Lobe
+from hagoromo.measurement.gloss.gloss_difference import WIDTHS, TriedLobe
 from hagoromo.measurement.observations import Pixels
 from hagoromo.measurement.parameters import pack_theta
 from hagoromo.measurement.sight import Array, sight_of
@@ -32,7 +32,7 @@ FEWEST_MIDDLES = 3  # patches measured that near to the peak
 
 
 @dataclass(frozen=True, eq=False)
-class Sums:
+class PatchSums:
     """Per pixel (M,) and width (K,): a (M,) and b, d (K, M) of χ², freedom (M,), nearest (M,) smallest φ [rad]."""
 
     a: Array
@@ -42,10 +42,10 @@ class Sums:
     nearest: Array
 
 
-class Patches:
+class GlossPatches:
     """Sums over the size × size pixels around each pixel, and the lobe of each patch."""
 
-    def __init__(self, pixels: Pixels, shape: tuple[int, ...], sums: Sums, size: int) -> None:
+    def __init__(self, pixels: Pixels, shape: tuple[int, ...], sums: PatchSums, size: int) -> None:
         from scipy.ndimage import minimum_filter, uniform_filter
 
         self.index, self.shape, self.size = (pixels.rows, pixels.columns), shape, size
@@ -78,12 +78,12 @@ class Patches:
         fall = strength * (2.0 * self.b[width] - strength * self.d[width])
         return -fall / max(self.noise, 1.0)
 
-    def lack(self, lobes: list[Lobe]) -> float:
+    def lack(self, lobes: list[TriedLobe]) -> float:
         """χ² over the independent patches, in units of the stated noise."""
         fall = np.min([self.cost(*lobe)[self.apart] for lobe in lobes], axis=0)
         return float(np.sum(self.a[self.apart] + max(self.noise, 1.0) * fall))
 
-    def lobes(self) -> list[Lobe]:
+    def lobes(self) -> list[TriedLobe]:
         """The glosses; one, or none, where a second is not significant."""
         one, cost = self._settled([self._alone(np.flatnonzero(self.apart))])
         lobes = one
@@ -97,14 +97,14 @@ class Patches:
             lobes, cost = more, total
         return lobes
 
-    def _alone(self, patches: NDArray[np.intp]) -> Lobe:
+    def _alone(self, patches: NDArray[np.intp]) -> TriedLobe:
         """The lobe that fits all of `patches` best."""
         rhs, weight = self.b[:, patches].sum(axis=1), self.d[:, patches].sum(axis=1)
         strength = np.maximum(np.divide(rhs, weight, out=np.zeros_like(rhs), where=weight > 0.0), 0.0)
         width = int(np.argmax(strength * (2.0 * rhs - strength * weight)))
-        return Lobe(width, float(strength[width]))
+        return TriedLobe(width, float(strength[width]))
 
-    def _starts(self, lobes: list[Lobe]) -> list[Lobe]:
+    def _starts(self, lobes: list[TriedLobe]) -> list[TriedLobe]:
         """Starts for a further lobe: the best lobes of patches that fit `lobes` badly, and no gloss."""
         explained = np.min([self.cost(*lobe) for lobe in lobes], axis=0)
         own = np.argmax(self.b * self.best, axis=0)
@@ -112,9 +112,9 @@ class Patches:
         missed = explained + np.maximum(self.best[own, index], 0.0) * self.b[own, index] / max(self.noise, 1.0)
         worst = np.flatnonzero(self.apart & (missed > CHANCE))
         order = worst[np.argsort(-missed[worst])][: STARTS**2 : STARTS]
-        return [Lobe(int(own[i]), float(max(self.best[own[i], i], 0.0))) for i in order] + [Lobe(0, 0.0)]
+        return [TriedLobe(int(own[i]), float(max(self.best[own[i], i], 0.0))) for i in order] + [TriedLobe(0, 0.0)]
 
-    def _settled(self, lobes: list[Lobe]) -> tuple[list[Lobe], float]:
+    def _settled(self, lobes: list[TriedLobe]) -> tuple[list[TriedLobe], float]:
         """`lobes` after assignment and fit by turns, and Σ of the smallest χ² of the patches."""
         patches = np.flatnonzero(self.apart)
         for _ in range(PATCH_TURNS):
@@ -128,7 +128,7 @@ class Patches:
         costs = np.stack([self.cost(*lobe)[patches] for lobe in lobes])
         return lobes, float(costs.min(axis=0).sum())
 
-    def labels(self, lobes: list[Lobe], known: NDArray[np.int64]) -> NDArray[np.int64]:
+    def labels(self, lobes: list[TriedLobe], known: NDArray[np.int64]) -> NDArray[np.int64]:
         """(h, w) index of the best lobe of each pixel.
 
         Where patches are not significant, labels of `known` remain; if there are none (all 0), the nearest significant
@@ -149,7 +149,7 @@ class Patches:
             labels = labels[tuple(nearest)]
         return np.asarray(median_filter(np.maximum(labels, 0), self.size, mode="nearest"), np.int64)
 
-    def _apart_enough(self, lobes: list[Lobe]) -> bool:
+    def _apart_enough(self, lobes: list[TriedLobe]) -> bool:
         """Whether each lobe has its own patches, differs from the others, and was measured near its peak."""
         costs = np.stack([self.cost(*lobe)[self.apart] for lobe in lobes])
         best, ordered = np.argmin(costs, axis=0), np.sort(costs, axis=0)
@@ -169,7 +169,7 @@ class Patches:
         return True
 
 
-def sums_of(capture: Capture, pixels: Pixels, n: float) -> Sums:
+def sums_of(capture: Capture, pixels: Pixels, n: float) -> PatchSums:
     """The sums of each pixel over its photographs, with its body eliminated."""
     count, index = len(pixels), (pixels.rows, pixels.columns)
     channels, widths = capture.photographs[0].values.shape[2], len(WIDTHS)
@@ -195,4 +195,4 @@ def sums_of(capture: Capture, pixels: Pixels, n: float) -> Sums:
     a = vv - (bv**2 * inverse).sum(axis=1)
     b = sv - np.einsum("kmc,mc->km", bs, bv * inverse)
     d = ss - np.einsum("kmc,mc->km", bs**2, inverse)
-    return Sums(a, b, np.maximum(d, 0.0), np.maximum(freedom - channels, 0.0), nearest)
+    return PatchSums(a, b, np.maximum(d, 0.0), np.maximum(freedom - channels, 0.0), nearest)

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.measurement.gloss.gloss_difference import Lobe, glosses_differ
-from hagoromo.measurement.gloss.gloss_patches import CHANCE, Patches, Sums, sums_of
+from hagoromo.measurement.gloss.gloss_difference import TriedLobe, glosses_differ
+from hagoromo.measurement.gloss.gloss_patches import CHANCE, GlossPatches, PatchSums, sums_of
 from hagoromo.measurement.observations import Pixels, known_shape
 from hagoromo.photograph.capture import Capture
 
@@ -54,10 +54,12 @@ def _glosses(capture: Capture, region: NDArray[np.bool_]) -> NDArray[np.int64]:
     return np.repeat(np.repeat(labels, step, axis=0), step, axis=1)[: region.shape[0], : region.shape[1]]
 
 
-def _parted(region: NDArray[np.bool_], pixels: Pixels, sums: list[Sums]) -> tuple[NDArray[np.int64], list[Lobe]]:
+def _parted(
+    region: NDArray[np.bool_], pixels: Pixels, sums: list[PatchSums]
+) -> tuple[NDArray[np.int64], list[TriedLobe]]:
     """Labels (h, w) of the glosses in `region`, and the lobes, from sums of its pixels for each of INDICES."""
     shape = region.shape
-    tried = [Patches(pixels, shape, of, PATCH) for of in sums]
+    tried = [GlossPatches(pixels, shape, of, PATCH) for of in sums]
     glosses = [patches.lobes() for patches in tried]
     lack = [patches.lack(lobes) + CHANCE * len(lobes) for patches, lobes in zip(tried, glosses, strict=True)]
     best = int(np.argmin(lack))
@@ -66,7 +68,7 @@ def _parted(region: NDArray[np.bool_], pixels: Pixels, sums: list[Sums]) -> tupl
         labels = patches.labels(lobes, np.zeros(shape, np.int64))
         wide = [_is_wide(region & (labels == i)) for i in range(len(lobes))]
         if all(wide):
-            return Patches(pixels, shape, sums[best], FINE_PATCH).labels(lobes, labels), lobes
+            return GlossPatches(pixels, shape, sums[best], FINE_PATCH).labels(lobes, labels), lobes
         lobes = [
             lobe for lobe, is_wide in zip(lobes, wide, strict=True) if is_wide
         ]  # patches across a border can form one

@@ -17,7 +17,7 @@ from hagoromo.least_squares.loss import NORMAL_MEDIAN
 from hagoromo.measurement.gloss.gloss_index import Index, refractive_index
 from hagoromo.measurement.gloss.gloss_law import covariance_of_mean, deviance, likeliest
 from hagoromo.measurement.gloss.lobes import LobeShape
-from hagoromo.measurement.gloss.pixel_gloss import GlossLaw, PixelFit, PixelGloss
+from hagoromo.measurement.gloss.pixel_gloss import GlossLaw, PixelGloss, PixelGlossFit
 from hagoromo.measurement.observations import Observations
 from hagoromo.measurement.robust_fit import GAMMA_RANGE
 from hagoromo.measurement.sight import Array
@@ -96,7 +96,7 @@ def gloss_spread(
     else the start of a search, since the fit of one gloss to pixels that differ biases n. shape: of their lobes; None:
     Gaussian facets and a neutral interface.
     """
-    fit = PixelFit(observations, n, shape=shape)
+    fit = PixelGlossFit(observations, n, shape=shape)
     if len(fit) < FEWEST_PIXELS:
         return None
     shared, _ = _shared(fit, start)  # a start: whether it converged does not matter
@@ -110,16 +110,16 @@ def gloss_spread(
         return GlossSpread(law, first, 1.0, (chi_square, chi_square), Index(n), np.zeros((2, 2)), (status,))
     law, noise, index = wide, 1.0, Index(n)
     for turn in range(GLOSS_SPREAD_ROUNDS):
-        fit = PixelFit(observations, index.n, noise, shape)
+        fit = PixelGlossFit(observations, index.n, noise, shape)
         estimates = fit.solve(law)
         (law, status), noise = likeliest(estimates, law), max(noise * _scale(fit, estimates.gloss), 1.0)
         if turn == GLOSS_SPREAD_ROUNDS // 2 and not is_given:
             last, index = index.n, refractive_index(fit, estimates, index.n)
             ratio = (index.n - 1.0) / (index.n + 1.0) * (last + 1.0) / (last - 1.0)
             law = GlossLaw(law.mean + 2.0 * np.log(ratio) * np.array([1.0, 0.0]), law.covariance)  # at the same β
-    fit = PixelFit(observations, index.n, noise, shape)
+    fit = PixelGlossFit(observations, index.n, noise, shape)
     estimates = fit.solve(law)
-    one = PixelFit(observations, n, noise, shape)
+    one = PixelGlossFit(observations, n, noise, shape)
     one.weigh(fit.weight)
     best, shared_status = _shared(one, shared[0], reweighed=False)
     parameters = int(
@@ -137,7 +137,7 @@ def gloss_spread(
     )
 
 
-def _shared(fit: PixelFit, start: Array, reweighed: bool = True) -> tuple[Array, FitStatus]:
+def _shared(fit: PixelGlossFit, start: Array, reweighed: bool = True) -> tuple[Array, FitStatus]:
     """(P, 2) the one gloss that fits all pixels best, and how the fit ended.
 
     Its robust weights are its own if `reweighed`, else those of `fit`.
@@ -162,7 +162,7 @@ def _shared(fit: PixelFit, start: Array, reweighed: bool = True) -> tuple[Array,
 class _SharedGloss:
     """One gloss (2,) for all pixels of `fit`: a point of the fit by `least_squares`."""
 
-    def __init__(self, fit: PixelFit, gloss: Array) -> None:
+    def __init__(self, fit: PixelGlossFit, gloss: Array) -> None:
         self.fit, self.gloss = fit, gloss
         self.each = fit.evaluate(np.tile(gloss, (len(fit), 1)))
         self.cost = self.each.chi_square.sum()
@@ -198,7 +198,7 @@ def trimmed_odds(gain: Array, numbers: int) -> float:
     return float(trimmed.sum() - 0.5 * numbers * np.log(len(gain)))
 
 
-def _scale(fit: PixelFit, gloss: Array) -> float:
+def _scale(fit: PixelGlossFit, gloss: Array) -> float:
     """Robust standard deviation of the residuals in units of those of `fit`, corrected for leverage of the bodies."""
     model = fit.model(gloss)
     squared = (fit.observations.values - model) ** 2 / (fit.noise**2 * fit.observations.variance_at(model))
@@ -207,7 +207,7 @@ def _scale(fit: PixelFit, gloss: Array) -> float:
     return float(np.sqrt(np.median((squared / np.maximum(left, 0.01))[known]) / NORMAL_MEDIAN)) if known.any() else 1.0
 
 
-def _per_freedom(fit: PixelFit, gloss: Array, numbers: int) -> float:
+def _per_freedom(fit: PixelGlossFit, gloss: Array, numbers: int) -> float:
     """χ² per degree of freedom at gloss (P, 2), by stated variances; numbers: fitted in addition to the bodies."""
     model, used = fit.model(gloss), fit.observations.used
     squared = ((fit.observations.values - model) ** 2 / fit.observations.variance_at(model))[used]

@@ -35,7 +35,7 @@ class LobeShape:
         return cls(material.nu, tuple(material.interface_colour))
 
 
-class Lobes:
+class SampleLobes:
     """The interface of N samples under L lamps, each with its own ln γ."""
 
     def __init__(self, sight: Sight, n: float, shape: LobeShape | None = None) -> None:

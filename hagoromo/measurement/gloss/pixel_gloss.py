@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from hagoromo.least_squares.fit_status import FitStatuses
 from hagoromo.least_squares.levenberg_marquardt import Damping, Tolerance, levenberg_marquardt
 from hagoromo.least_squares.loss import HUBER
-from hagoromo.measurement.gloss.lobes import Lobes, LobeShape
+from hagoromo.measurement.gloss.lobes import LobeShape, SampleLobes
 from hagoromo.measurement.observations import Observations
 from hagoromo.measurement.robust_fit import GAMMA_RANGE
 from hagoromo.measurement.sight import Array
@@ -61,7 +61,7 @@ class PixelGloss:
     converged: NDArray[np.bool_]
 
 
-class PixelFit:
+class PixelGlossFit:
     """The least squares of many pixels at once, and its weights (N, C) = robust weight over variance.
 
     noise: standard deviation of the residuals, in stated standard deviations.
@@ -72,23 +72,23 @@ class PixelFit:
     ) -> None:
         self.observations, self.n, self.noise, self.shape = observations, n, noise, shape
         self.pixels, self.pixel = np.unique(observations.pixel, return_inverse=True)
-        self._lobes = Lobes(observations.sight, n, shape)
+        self._lobes = SampleLobes(observations.sight, n, shape)
         self._lit = observations.sight.body
         self.weigh(np.where(observations.used, 1.0 / (noise**2 * observations.noise), 0.0))
 
     def __len__(self) -> int:
         return len(self.pixels)
 
-    def of(self, chosen: NDArray[np.bool_]) -> PixelFit:
+    def of(self, chosen: NDArray[np.bool_]) -> PixelGlossFit:
         """The fit of the pixels that are `chosen` (P,), with their present weights."""
         observations, rows = self.observations, chosen[self.pixel]
-        few = PixelFit(observations.of(rows), self.n, self.noise, self.shape)
+        few = PixelGlossFit(observations.of(rows), self.n, self.noise, self.shape)
         few.weigh(self.weight[rows])
         return few
 
-    def with_values(self, observations: Observations) -> PixelFit:
+    def with_values(self, observations: Observations) -> PixelGlossFit:
         """The fit of other values of the same samples, with the same weights."""
-        other = PixelFit(observations, self.n, self.noise, self.shape)
+        other = PixelGlossFit(observations, self.n, self.noise, self.shape)
         other.weigh(self.weight)
         return other
 
@@ -206,7 +206,7 @@ class PixelFit:
 class _Posterior:
     """The posterior of P pixels under a law, as a problem of `least_squares`; the cost is χ² plus that of the law."""
 
-    def __init__(self, fit: PixelFit, law: GlossLaw) -> None:
+    def __init__(self, fit: PixelGlossFit, law: GlossLaw) -> None:
         self.fit, self.law, self.prior = fit, law, law.information
 
     def cost(self, state: PixelGloss) -> Array:

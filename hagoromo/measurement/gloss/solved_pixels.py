@@ -71,7 +71,7 @@ class SolvedPixels:
         for factor in (COARSE, 1.0):
             data = replace(self, variance=factor**2 * self.variance)
             state = data.state(state.gloss, state.normals, state.body)
-            solution = levenberg_marquardt(_Posterior(data, law), state, Damping(start=1e-2), tolerance, steps)
+            solution = levenberg_marquardt(_SolvedPosterior(data, law), state, Damping(start=1e-2), tolerance, steps)
             state, converged = solution.state, solution.statuses.converged
         return state, state.estimates(law, converged)
 
@@ -190,7 +190,7 @@ class State:
         return np.einsum("pii->p", np.linalg.inv(whole)[:, TURNS, TURNS])
 
 
-class _Posterior:
+class _SolvedPosterior:
     """The posterior of P pixels under a law, as a problem of `least_squares`."""
 
     def __init__(self, data: SolvedPixels, law: GlossLaw) -> None:

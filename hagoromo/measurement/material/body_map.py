@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from hagoromo.least_squares.loss import TUKEY
 from hagoromo.measurement.gloss.gloss_map import GlossMap
-from hagoromo.measurement.gloss.lobes import Lobes, LobeShape
+from hagoromo.measurement.gloss.lobes import LobeShape, SampleLobes
 from hagoromo.measurement.material.material_objective import expected, interface_of, theta_of
 from hagoromo.measurement.observations import Pixels, known_shape
 from hagoromo.measurement.sight import Array, Sight, sight_of
@@ -26,7 +26,7 @@ DARKEST = 1e-6  # of the largest irradiance of a photograph: pixels with less ca
 
 
 @dataclass(frozen=True, eq=False)
-class Parts:
+class SeparatedParts:
     """Diffuse and specular parts of a photograph: body and interface (h, w, C), NaN where no material is known.
 
     light: (h, w, C) irradiance facing the lamps, in the channels of the camera.
@@ -58,7 +58,7 @@ class BodyMap:
     white: Array | None = None
     gloss: GlossMap | None = None
 
-    def parts(self, capture: Capture, photograph: Photograph) -> Parts:
+    def parts(self, capture: Capture, photograph: Photograph) -> SeparatedParts:
         """The parts that body and interface contribute to `photograph` of `capture`."""
         body, interface, light = (np.full(self.value.shape, np.nan) for _ in range(3))
         for number, material in enumerate(self.materials):
@@ -71,7 +71,7 @@ class BodyMap:
             else:
                 interface[index] = _own_interface(geometry, material, self.gloss, index)
             light[index] = geometry.irradiance.sum(axis=1)
-        return Parts(body, interface, light)
+        return SeparatedParts(body, interface, light)
 
     def channels(self, names: Sequence[str]) -> dict[str, NDArray[np.float32]]:
         """Channels of an EXR: each colour channel and, where known, its standard error; 0 where unknown."""
@@ -143,9 +143,9 @@ def _own_interface(sight: Sight, material: MaterialEstimate, gloss: GlossMap, in
     beta, gamma = gloss.beta[index], gloss.gamma[index]
     if gloss.nu is not None:
         shape = replace(shape, nu=gloss.nu[index])
-    value = (beta * facing)[:, None] * Lobes(sight, material.n, shape).evaluate(np.log(gamma))[0]
+    value = (beta * facing)[:, None] * SampleLobes(sight, material.n, shape).evaluate(np.log(gamma))[0]
     if material.lobes:
-        gaussian = Lobes(sight, material.n, replace(shape, nu=np.inf))
+        gaussian = SampleLobes(sight, material.n, replace(shape, nu=np.inf))
         for of_lobe, width in material.lobes:
             strength = beta / material.beta * of_lobe * facing
             value += strength[:, None] * gaussian.evaluate(np.log(gamma / material.gamma * width))[0]

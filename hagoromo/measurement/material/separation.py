@@ -17,7 +17,7 @@ import numpy as np
 from hagoromo.files.exr import write_exr
 from hagoromo.files.png import write_png
 from hagoromo.light.colour import srgb_encode
-from hagoromo.measurement.material.body_map import Parts
+from hagoromo.measurement.material.body_map import SeparatedParts
 from hagoromo.measurement.sight import Array
 from hagoromo.photograph.photograph import Photograph
 
@@ -35,7 +35,7 @@ class Separation:
     interface: Array
 
 
-def separated(photograph: Photograph, parts: Parts, number: int) -> Separation:
+def separated(photograph: Photograph, parts: SeparatedParts, number: int) -> Separation:
     """The parts of `photograph`, which sum to its values; neither is negative except for noise."""
     values = np.where(photograph.mask[..., None], photograph.values.astype(np.float64), np.nan)
     with np.errstate(invalid="ignore", divide="ignore"):

@@ -19,7 +19,7 @@ from hagoromo.measurement.material.model_choice import CHANCE, FIRST_TAIL, Facet
 from hagoromo.measurement.normals.independent_share import share_of_step
 from hagoromo.measurement.normals.photometric_model import Fit, GlossChoice
 from hagoromo.measurement.normals.photometric_rounds import Rounds, rounds, settled
-from hagoromo.measurement.normals.photometric_step import Problem, Step
+from hagoromo.measurement.normals.photometric_step import PixelProblem, PixelStep
 from hagoromo.measurement.normals.shading import TAIL, Gloss
 from hagoromo.measurement.normals.views import Array
 
@@ -40,7 +40,7 @@ class GlossModel:
 BY_EVIDENCE = GlossModel()
 
 
-def choose_gloss(problem: Problem, fit: Fit, model: GlossModel = BY_EVIDENCE) -> tuple[Rounds, GlossChoice]:
+def choose_gloss(problem: PixelProblem, fit: Fit, model: GlossModel = BY_EVIDENCE) -> tuple[Rounds, GlossChoice]:
     """Gloss and lamps from `fit`, with the extensions that are asked for, or for which there is evidence.
 
     Where one is found, the others are tested once more, against the residuals of the better fit. An extension that does
@@ -54,7 +54,7 @@ def choose_gloss(problem: Problem, fit: Fit, model: GlossModel = BY_EVIDENCE) ->
     while (wanted != choice.free).any():
         before = choice.free
         problem = base.step.problem
-        wide, _ = settled(Step(replace(problem, free=wanted), _opened(base.step.fit, wanted)), FINE_GAIN)
+        wide, _ = settled(PixelStep(replace(problem, free=wanted), _opened(base.step.fit, wanted)), FINE_GAIN)
         rises = _rises(wide, before, base.step.cost)
         tested = _choice(wide, before, rises)
         kept = np.where(np.isnan(rises), (choice.tails, choice.coloured), rises)
@@ -89,7 +89,7 @@ def _held(fit: Fit, free: NDArray[np.bool_]) -> Fit:
     return replace(fit, gloss=Gloss(np.where(free, fit.gloss.rows, 0.0)))
 
 
-def _rises(wide: Step, asked: NDArray[np.bool_], cost: float) -> Array:
+def _rises(wide: PixelStep, asked: NDArray[np.bool_], cost: float) -> Array:
     """(2, M) rise of χ² from `wide` without tails, and without a colour, of each material; NaN where not tested.
 
     cost: without all of them. Where that is too near to give evidence for any, it stands for each.
@@ -102,12 +102,12 @@ def _rises(wide: Step, asked: NDArray[np.bool_], cost: float) -> Array:
             if total > TAIL_EVIDENCE:
                 without = free.copy()
                 without[m, places] = False
-                held, _ = settled(Step(replace(wide.problem, free=without), _held(wide.fit, without)), FINE_GAIN)
+                held, _ = settled(PixelStep(replace(wide.problem, free=without), _held(wide.fit, without)), FINE_GAIN)
                 rise[m] = 2.0 * (held.cost - wide.cost)
     return rises
 
 
-def _choice(wide: Step, asked: NDArray[np.bool_], rises: Array) -> GlossChoice:
+def _choice(wide: PixelStep, asked: NDArray[np.bool_], rises: Array) -> GlossChoice:
     """What the `rises` of χ² give evidence for."""
     free, (tails, coloured) = asked.copy(), rises
     free[:, TAIL] |= tails > TAIL_EVIDENCE

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from hagoromo.least_squares.loss import NORMAL_MEDIAN
 from hagoromo.measurement.normals.photometric_model import Fit, predicted, size
-from hagoromo.measurement.normals.photometric_step import Step
+from hagoromo.measurement.normals.photometric_step import PixelStep
 from hagoromo.measurement.normals.views import Array, Views
 
 FARTHEST = 3.0  # robust standard deviations to which residuals are cut off
@@ -25,7 +25,7 @@ def independent_share(views: Views, fit: Fit) -> float:
     return _share(views, deviation, tile)
 
 
-def share_of_step(step: Step) -> float:
+def share_of_step(step: PixelStep) -> float:
     """The share of the pixels of the problem of `step`, by its residuals."""
     tile = np.floor(2.0 * step.problem.place).astype(np.int64)  # radii of the object
     tile -= tile.min(axis=0)

@@ -25,7 +25,7 @@ from hagoromo.measurement.normals.lobe_shape import (
     with_covariance,
     with_errors_of_normals,
 )
-from hagoromo.measurement.normals.photometric_model import Fit, Lobes
+from hagoromo.measurement.normals.photometric_model import Fit, LobeParameters
 from hagoromo.measurement.normals.shading import EXPONENT, SIGMA, TAIL, Gloss
 from hagoromo.measurement.normals.views import Array, Views
 from hagoromo.photograph.capture import Capture
@@ -45,7 +45,7 @@ RIDGE = 1e-8  # relative, of the normal equations
 
 @dataclass(frozen=True, eq=False)
 class FoundLobes:
-    """The lobes of a material, whether its interface stays coloured, and their gain: see `Lobes`."""
+    """The lobes of a material, whether its interface stays coloured, and their gain: see `LobeParameters`."""
 
     shapes: LobeShapes
     coloured: bool
@@ -149,7 +149,7 @@ def fit_with(fit: Fit, each: Sequence[FoundLobes | None]) -> Fit:
             choice.free[number, TAIL] = shapes.tail > 0.0
             choice.free[number, TAIL + 1 :] &= found.coloured
             choice.tails[number] = choice.coloured[number] = np.nan  # tested against one lobe
-    lobes = Lobes(
+    lobes = LobeParameters(
         tuple(() if one is None else one.shapes.lobes for one in each),
         tuple(0.0 if one is None else one.gain for one in each),
         tuple(np.zeros((0, 0)) if one is None else one.shapes.covariance[2:-3, 2:-3] for one in each),

@@ -14,8 +14,8 @@ from hagoromo.measurement.normals.gloss_choice import BY_EVIDENCE, GlossModel, c
 from hagoromo.measurement.normals.independent_share import independent_share
 from hagoromo.measurement.normals.lamp_shift import shifted_lamps
 from hagoromo.measurement.normals.photometric_model import Fit, Prior, precision
-from hagoromo.measurement.normals.photometric_step import Problem
-from hagoromo.measurement.normals.pixel_fit import Light, fit_pixels
+from hagoromo.measurement.normals.photometric_step import PixelProblem
+from hagoromo.measurement.normals.pixel_fit import PixelConditions, fit_pixels
 from hagoromo.measurement.normals.views import Views
 
 SUBSET = 2000  # pixels from which gloss and lamps are estimated
@@ -30,7 +30,7 @@ def photometric_fit(
     """
     fit = fit_together(views, start, prior or Prior(), model, seed)
     views = views.under(shifted_lamps(views, fit.shift), float(np.exp(fit.depth)))
-    light = Light(fit.gloss.rows[fit.labels], fit.evenness(views.place), precision(views, fit.model_error))
+    light = PixelConditions(fit.gloss.rows[fit.labels], fit.evenness(views.place), precision(views, fit.model_error))
     pixels = fit_pixels(views, light, start.normals, start.body)
     return views, replace(
         fit, normals=pixels.normals, body=pixels.body, variance=pixels.variance, pixel_status=pixels.status
@@ -43,7 +43,7 @@ def fit_together(views: Views, start: Fit, prior: Prior, model: GlossModel = BY_
     chosen = np.sort(np.random.default_rng(seed).choice(count, min(SUBSET, count), replace=False))
     share = independent_share(views, start) * count / len(chosen)
     every = np.ones(start.gloss.rows.shape, bool)  # numbers of gloss; which of them are free is chosen next
-    problem = Problem(views.pixels(chosen), views.place[chosen], share, prior, every)
+    problem = PixelProblem(views.pixels(chosen), views.place[chosen], share, prior, every)
     (step, status), choice = choose_gloss(problem, start.pixels(chosen), model)
     fit, covariance = step.fit, step.covariances()[0]
     return replace(

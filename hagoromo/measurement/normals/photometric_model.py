@@ -41,7 +41,7 @@ class GlossChoice:
 
 
 @dataclass(frozen=True)
-class Lobes:
+class LobeParameters:
     """Further lobes of the interface of M materials: of each its β and γ [rad], and the share of the squared error of
     photographs left out by which they predict better. covariances: of each, that of ln β and ln γ of its lobes in turn.
     """
@@ -83,7 +83,7 @@ class Fit:
     status: FitStatus | None = None
     pixel_status: NDArray[np.int8] | None = None
     shape_status: FitStatus | None = None
-    lobes: Lobes | None = None
+    lobes: LobeParameters | None = None
     own: OwnGloss | None = None
     own_tests: tuple[OwnGlossTest | None, ...] = ()
     lamp_variance: Array | None = None

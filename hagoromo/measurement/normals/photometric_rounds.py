@@ -11,7 +11,7 @@ from hagoromo.least_squares.fit_status import FitStatus
 from hagoromo.least_squares.levenberg_marquardt import Damping, SingleProblem, Tolerance, levenberg_marquardt
 from hagoromo.least_squares.loss import NORMAL_MEDIAN
 from hagoromo.measurement.normals.photometric_model import Fit, Prior, size
-from hagoromo.measurement.normals.photometric_step import Problem, Step
+from hagoromo.measurement.normals.photometric_step import PixelProblem, PixelStep
 
 PHOTOMETRIC_FIT_STEPS, PHOTOMETRIC_FIT_ROUNDS = 12, 3
 PHOTOMETRIC_FIT_DAMPING = Damping(start=1e-2, shrink=5.0, grow=5.0, least=1e-5, most=np.inf, ties=False)
@@ -22,35 +22,35 @@ SMALLEST_MODEL_ERROR = 0.003  # relative
 class Rounds(NamedTuple):
     """The last point, whose problem has the prior that was learnt, and how the last round ended."""
 
-    step: Step
+    step: PixelStep
     status: FitStatus
 
 
-def settled(start: Step, gain: float = PHOTOMETRIC_FIT_GAIN) -> tuple[Step, FitStatus]:
+def settled(start: PixelStep, gain: float = PHOTOMETRIC_FIT_GAIN) -> tuple[PixelStep, FitStatus]:
     """The nearest minimum of the problem, at the model error of `start`, and how the way there ended."""
     tolerance = Tolerance(gain=gain)
     solution = levenberg_marquardt(SingleProblem(), start, PHOTOMETRIC_FIT_DAMPING, tolerance, PHOTOMETRIC_FIT_STEPS)
     return solution.state, solution.status
 
 
-def rounds(problem: Problem, fit: Fit, stated: Prior) -> Rounds:
+def rounds(problem: PixelProblem, fit: Fit, stated: Prior) -> Rounds:
     """Gloss, lamps and model error from `fit` on.
 
     The scales of the prior of the lamps are learnt along the way; `stated` has them as they were stated.
     """
-    step, status = Step(problem, fit), None
+    step, status = PixelStep(problem, fit), None
     for _ in range(PHOTOMETRIC_FIT_ROUNDS):
         first = step.cost
         end, status = settled(step)
         learnt = step.problem.prior.learnt(stated, end.of_lamps, end.covariances()[1])
-        step = Step(replace(step.problem, prior=learnt), replace(end.fit, model_error=_model_error(end)))
+        step = PixelStep(replace(step.problem, prior=learnt), replace(end.fit, model_error=_model_error(end)))
         if first - end.cost < 1e-3 * first:
             break
     assert status is not None  # there is a round at least
     return Rounds(step, status)
 
 
-def _model_error(step: Step) -> float:
+def _model_error(step: PixelStep) -> float:
     """Relative error of the model for which the median of the squared residuals is that of a normal distribution."""
     used = np.broadcast_to(step.problem.views.used[:, None], step.model.shape)
     channels, pixels = step.model.shape[1:]

@@ -30,7 +30,7 @@ OF_LAMP = 6  # parameters of a lamp: ln e, a (2), shift (3)
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
+class PixelProblem:
     """Some pixels and their values in the photographs.
 
     place: (P, 2) of the pixels on the object. share: effective number of independent values per value. free: (M, G)
@@ -44,10 +44,10 @@ class Problem:
     free: NDArray[np.bool_]
 
 
-class Step:
+class PixelStep:
     """Residuals of the problem at `fit`, and the Gauss–Newton step from there."""
 
-    def __init__(self, problem: Problem, fit: Fit) -> None:
+    def __init__(self, problem: PixelProblem, fit: Fit) -> None:
         self.problem, self.fit, views = problem, fit, problem.views
         self.lamps: Shifted = shifted(views, fit.shift, fit.depth)
         gloss = fit.gloss.rows[fit.labels]
@@ -77,13 +77,13 @@ class Step:
         """Norm of the slope of the cost by gloss, lamps and depth, with the pixels eliminated."""
         return float(np.linalg.norm(self._undamped[1]))
 
-    def trial(self, damping: float) -> tuple[Step, float]:
+    def trial(self, damping: float) -> tuple[PixelStep, float]:
         """The point after a damped step, and the size of the step in gloss, lamps and depth."""
         after = self.moved(damping)
         before, there = ((fit.gloss.rows, fit.strength, fit.slope, fit.shift) for fit in (self.fit, after))
         parts = [np.sum((b - a) ** 2) for a, b in zip(before, there, strict=True)]
         size = float(np.sqrt(sum(parts) + (after.depth - self.fit.depth) ** 2))
-        return Step(self.problem, after), size
+        return PixelStep(self.problem, after), size
 
     def moved(self, damping: float) -> Fit:
         """One damped step of everything."""

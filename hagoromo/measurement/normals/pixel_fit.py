@@ -28,7 +28,7 @@ SMALLEST_CURVATURE = 1e-3  # [rad⁻²] added, so that the step of a pixel that 
 LEAST_BODY_RATIO = 0.1  # smallest ratio of a body colour after a step to the one before
 
 
-class Light(NamedTuple):
+class PixelConditions(NamedTuple):
     """The known quantities of the pixel fit.
 
     gloss: (P, G) rows of `Gloss`. evenness: (K, P) factor of the lamps. precision: (K, C, P) inverse variance of the
@@ -55,7 +55,7 @@ class Equations(NamedTuple):
     rhs_body: list[Any]
 
 
-class PixelFit(NamedTuple):
+class NormalFit(NamedTuple):
     """normals (P, 3), body colours (C, P), variance of the normals (P,) [rad²], and the `Status` (P,) of each pixel."""
 
     normals: Array
@@ -69,7 +69,7 @@ class PixelFit(NamedTuple):
         return self.status == Status.CONVERGED
 
 
-def fit_pixels(views: Views, light: Light, normals: Array, body: Array) -> PixelFit:
+def fit_pixels(views: Views, light: PixelConditions, normals: Array, body: Array) -> NormalFit:
     """The normal and body colour of every pixel, from the start `normals` (P, 3) and `body` (C, P).
 
     A pixel has converged when its last accepted step, or an undamped step from where it is, lowers its loss by less
@@ -103,13 +103,13 @@ def fit_pixels(views: Views, light: Light, normals: Array, body: Array) -> Pixel
     unsettled = np.where(stalled.numpy(), Status.STALLED, Status.OUT_OF_STEPS)
     status = np.where(settled.numpy(), Status.CONVERGED, unsettled)
     colours = np.array([c.numpy() for c in colour], np.float64)
-    return PixelFit(normal.numpy().T.astype(np.float64), colours, _variance(equations).numpy(), status.astype(np.int8))
+    return NormalFit(normal.numpy().T.astype(np.float64), colours, _variance(equations).numpy(), status.astype(np.int8))
 
 
 class PixelData:
     """Views and light on the device."""
 
-    def __init__(self, views: Views, light: Light) -> None:
+    def __init__(self, views: Views, light: PixelConditions) -> None:
         lamps, self.channels, self.pixels = views.values.shape
         # opaque: captures of other sizes run the same compiled kernel
         self.lamps, self.width = (dr.opaque(arrays().UInt, count) for count in (lamps, self.pixels))

@@ -36,7 +36,7 @@ class DepthEstimate:
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class DepthSurface:
     """points (h, w, 3) [m], world, 0 where unknown; variance (h, w) [m²] of their distance, inf where unknown.
 
     Without an estimate of the depth, the variance is that of the shape at a fixed mean depth.
@@ -63,7 +63,7 @@ def surface_from_normals(
     variance: NDArray[np.floating] | None = None,
     estimate: DepthEstimate | None = None,
     draws: int = DRAWS,
-) -> Surface:
+) -> DepthSurface:
     """The surface with `normals` (h, w, 3), world, 0 where unknown (points then too).
 
     distance: mean depth along the camera's axis [m] of each connected part, used without an `estimate`. variance:
@@ -90,7 +90,7 @@ def surface_from_normals(
     ray = _rays(camera, rows, columns)
     points[rows, columns] = (ray * depth[:, None]) @ camera.camera_to_world[:3, :3].T + camera.position
     errors[rows, columns] = spread * np.sum((ray * depth[:, None]) ** 2, axis=1)
-    return Surface(points, errors)
+    return DepthSurface(points, errors)
 
 
 def anchored_surface(

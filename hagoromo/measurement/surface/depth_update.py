@@ -14,7 +14,7 @@ import numpy as np
 
 from hagoromo.backend import arrays
 from hagoromo.least_squares.loss import CAUCHY_SCALE
-from hagoromo.measurement.normals.pixel_fit import SMALLEST_CURVATURE, Light, PixelData, frame
+from hagoromo.measurement.normals.pixel_fit import SMALLEST_CURVATURE, PixelConditions, PixelData, frame
 from hagoromo.measurement.normals.views import UNLIT, Array, Views
 
 STRIDE = 1e-3  # of the distance to the eye: step of the finite differences
@@ -27,7 +27,7 @@ class DepthUpdate(NamedTuple):
     precision: Array
 
 
-def depth_update(views: Views, light: Light, normals: Array, body: Array) -> DepthUpdate:
+def depth_update(views: Views, light: PixelConditions, normals: Array, body: Array) -> DepthUpdate:
     """The best change of the distance from the eye, by the residuals at `normals` (P, 3) and `body` (C, P)."""
     towards, brighter = _farther(views)
     data = PixelData(views, light)

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from hagoromo.measurement.normals.normals import NormalMap
 from hagoromo.measurement.normals.photometric_model import predicted
 from hagoromo.measurement.normals.views import Array
-from hagoromo.measurement.surface.depth import Surface
+from hagoromo.measurement.surface.depth import DepthSurface
 from hagoromo.measurement.surface.exchange import Exchange, exchange
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.photograph import Photograph
@@ -156,7 +156,7 @@ class OwnLight:
         return f", beside light of the room, {100 * self.room:.1f} ± {100 * self.room_error:.1g} % of all"
 
 
-def own_light(capture: Capture, normal_map: NormalMap, surface: Surface) -> tuple[OwnLight, list[Values]]:
+def own_light(capture: Capture, normal_map: NormalMap, surface: DepthSurface) -> tuple[OwnLight, list[Values]]:
     """The own light in `capture` of a surface solved from it, and what it adds to each photograph (h, w, C)."""
     net, parts = exchange(surface.points, normal_map.normals, capture.photographs[0].camera), []
     for photograph, interface in zip(capture.photographs, _interfaces(normal_map), strict=True):

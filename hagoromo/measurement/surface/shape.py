@@ -18,9 +18,9 @@ from hagoromo.measurement.normals.gloss_choice import BY_EVIDENCE, GlossModel
 from hagoromo.measurement.normals.independent_share import independent_share
 from hagoromo.measurement.normals.normals import NormalMap, solve_with_one_lobe, with_further_lobes, with_own_gloss
 from hagoromo.measurement.normals.photometric_model import Fit, Prior, precision
-from hagoromo.measurement.normals.pixel_fit import Light
+from hagoromo.measurement.normals.pixel_fit import PixelConditions
 from hagoromo.measurement.normals.views import Array, Views
-from hagoromo.measurement.surface.depth import DepthEstimate, Surface, surface_from_normals
+from hagoromo.measurement.surface.depth import DepthEstimate, DepthSurface, surface_from_normals
 from hagoromo.measurement.surface.depth_update import depth_update
 from hagoromo.photograph.capture import Capture
 from hagoromo.progress import Progress, silent
@@ -34,7 +34,7 @@ LARGEST_CHANGE = 0.1  # of ln depth of a pixel in one round
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Shape:
+class SolvedShape:
     """Normals and points of a surface that were solved together.
 
     normal_map: the normals, body colours and gloss. surface: points [m] and their variance [m²]. rounds: their
@@ -42,7 +42,7 @@ class Shape:
     """
 
     normal_map: NormalMap
-    surface: Surface
+    surface: DepthSurface
     rounds: int
     status: FitStatus
 
@@ -61,7 +61,7 @@ def solve_shape(
     prior: Prior | None = None,
     progress: Progress = silent,
     model: GlossModel = BY_EVIDENCE,
-) -> Shape:
+) -> SolvedShape:
     """Normals and points of the surface in `capture` under near lamps, solved together in rounds.
 
     Each round solves the normals with the lamps as seen from the points, and the points from the normals. distance:
@@ -110,7 +110,7 @@ def solve_shape(
         depth = depth_estimate(normal_map)
         surface = surface_from_normals(normal_map.normals, camera, middle, normal_map.variance, depth)
     progress(1.0, "")
-    return Shape(replace(normal_map, fit=replace(normal_map.fit, shape_status=ended)), surface, round_ + 1, ended)
+    return SolvedShape(replace(normal_map, fit=replace(normal_map.fit, shape_status=ended)), surface, round_ + 1, ended)
 
 
 def depth_estimate(normal_map: NormalMap) -> DepthEstimate:
@@ -124,9 +124,9 @@ def depth_estimate(normal_map: NormalMap) -> DepthEstimate:
     return DepthEstimate(views.image(log_depth), views.image(share * update.precision))
 
 
-def light_of(fit: Fit, views: Views) -> Light:
+def light_of(fit: Fit, views: Views) -> PixelConditions:
     """The known quantities of the pixel fit, from `fit`."""
-    return Light(fit.rows, fit.evenness(views.place), precision(views, fit.model_error))
+    return PixelConditions(fit.rows, fit.evenness(views.place), precision(views, fit.model_error))
 
 
 def _change(before: NDArray[np.floating], after: NDArray[np.floating], eye: Array) -> float:

@@ -11,7 +11,7 @@ import numpy as np
 from hagoromo.measurement.measurement import Measurement
 from hagoromo.measurement.normals.gloss_choice import BY_EVIDENCE, GlossModel
 from hagoromo.measurement.normals.normals import NormalMap, solve_normals, solve_with_one_lobe
-from hagoromo.measurement.surface.depth import Surface, surface_from_normals
+from hagoromo.measurement.surface.depth import DepthSurface, surface_from_normals
 from hagoromo.measurement.surface.own_light import NOTABLE, OwnLight, Values, own_light, without
 from hagoromo.measurement.surface.shape import SIMPLE, has_near_lamps, solve_shape
 from hagoromo.photograph.capture import Capture
@@ -28,7 +28,7 @@ class SolvedSurface:
     """
 
     normal_map: NormalMap
-    surface: Surface
+    surface: DepthSurface
     own_light: OwnLight
     added: tuple[Values, ...] = ()
 
@@ -77,7 +77,7 @@ def solve_surface(
     return SolvedSurface(*solved, replace(found, subtracted=True), tuple(added))
 
 
-def _solve(capture: Capture, distance: float, progress: Progress, model: GlossModel) -> tuple[NormalMap, Surface]:
+def _solve(capture: Capture, distance: float, progress: Progress, model: GlossModel) -> tuple[NormalMap, DepthSurface]:
     """Normals and points of a capture of unknown shape."""
     if has_near_lamps(capture):
         shape = solve_shape(capture, distance, progress=progress, model=model)
@@ -87,7 +87,9 @@ def _solve(capture: Capture, distance: float, progress: Progress, model: GlossMo
     return normals, surface_from_normals(normals.normals, camera, distance, normals.variance)
 
 
-def _solve_simply(capture: Capture, distance: float, progress: Progress, _: GlossModel) -> tuple[NormalMap, Surface]:
+def _solve_simply(
+    capture: Capture, distance: float, progress: Progress, _: GlossModel
+) -> tuple[NormalMap, DepthSurface]:
     """As `_solve`, with one Gaussian lobe and a neutral interface, for the rounds before the last."""
     if has_near_lamps(capture):
         return _solve(capture, distance, progress, SIMPLE)

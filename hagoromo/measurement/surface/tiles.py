@@ -26,10 +26,10 @@ from hagoromo.measurement.normals.lobe_fit import LOBE_PIXELS, FoundLobes, find_
 from hagoromo.measurement.normals.lobe_samples import CLIPPED, Trust, trust_of
 from hagoromo.measurement.normals.normals import NormalMap, robust_lambert, solve_with_one_lobe
 from hagoromo.measurement.normals.photometric_model import Fit, Prior, evenness, precision
-from hagoromo.measurement.normals.pixel_fit import STILL_MOVING_SHARE, Light, fit_pixels
+from hagoromo.measurement.normals.pixel_fit import STILL_MOVING_SHARE, PixelConditions, fit_pixels
 from hagoromo.measurement.normals.shading import Gloss
 from hagoromo.measurement.normals.views import Array, Stack, Views, views_from_stack
-from hagoromo.measurement.surface.depth import Surface, anchored_surface, surface_from_normals
+from hagoromo.measurement.surface.depth import DepthSurface, anchored_surface, surface_from_normals
 from hagoromo.measurement.surface.shape import has_near_lamps, solve_shape
 from hagoromo.measurement.surface.tile_store import TileStore
 from hagoromo.photograph.capture import Capture
@@ -49,7 +49,7 @@ class Coarse:
 
     capture: Capture
     normal_map: NormalMap
-    surface: Surface
+    surface: DepthSurface
     gloss: Array | None = None
     lobes: tuple[FoundLobes | None, ...] = ()
 
@@ -111,7 +111,7 @@ class Known(NamedTuple):
 Shared: TypeAlias = "Known | str"  # or the file that has it
 
 
-class Solved(NamedTuple):
+class SolvedTile(NamedTuple):
     """The pixels (P,) of a tile whose normals are solved, and what is known of each, as in `Fine`."""
 
     rows: NDArray[np.intp]
@@ -165,7 +165,7 @@ def solve_tiles(
     return fine
 
 
-def _put(fine: Fine, solved: Solved) -> None:
+def _put(fine: Fine, solved: SolvedTile) -> None:
     place = solved.rows, solved.columns
     fine.normals[place] = solved.normals
     fine.body[place] = solved.body
@@ -192,7 +192,7 @@ def _known(shared: Shared) -> Known:
     return _from_file(shared) if isinstance(shared, str) else shared
 
 
-def _solve_tile(shared: Shared, tile: int) -> Solved | None:
+def _solve_tile(shared: Shared, tile: int) -> SolvedTile | None:
     """Normals and body colours of a tile, on the coarse surface and with its gloss and lamps; None where are none."""
     store, coarse = _known(shared)
     stack, *rows_columns = store.stack(tile)
@@ -202,7 +202,7 @@ def _solve_tile(shared: Shared, tile: int) -> Solved | None:
     views, fit = solved.views, solved.fit
     if any(coarse.lobes):
         fit = with_bodies(views, fit_with(fit, coarse.lobes), solved.place, solved.trust, coarse.lobes)
-    return Solved(views.rows, views.columns, fit.normals, fit.variance, fit.body.T, solved.converged, fit.labels)
+    return SolvedTile(views.rows, views.columns, fit.normals, fit.variance, fit.body.T, solved.converged, fit.labels)
 
 
 class _Pixels(NamedTuple):
@@ -228,7 +228,9 @@ def _solved(
         return None
     labels = _nearest(store, coarse, fit.labels, (views.rows, views.columns))
     place = _place(views.rows, views.columns, coarse, store.factor)
-    light = Light(coarse.rows[labels], evenness(fit.strength, fit.slope, place), precision(views, fit.model_error))
+    light = PixelConditions(
+        coarse.rows[labels], evenness(fit.strength, fit.slope, place), precision(views, fit.model_error)
+    )
     found = fit_pixels(views, light, *robust_lambert(views))
     trusted = np.asarray(np.isfinite(views.variance).all(axis=1))
     top = store.scale[:, None, None] / np.maximum(views.light, 1e-300)  # the largest valid value, under its light

@@ -18,7 +18,7 @@ from hagoromo.photograph.development.noise import Noise
 CEILING = 0.9  # share of white; samples predicted to be brighter are not used, because noise may clip them
 
 
-class Shot(NamedTuple):
+class BracketExposure(NamedTuple):
     """One exposure of a bracket after subtraction of its dark frame.
 
     signal, dark: (height, width[, channels]) [DN]; dark is a number if there is no dark frame. dark_variance: of `dark`
@@ -50,7 +50,7 @@ class Merged(NamedTuple):
     valid: NDArray[np.bool_]
 
 
-def merge(shots: Sequence[Shot], noise: Noise, mosaic: str) -> Merged:
+def merge(shots: Sequence[BracketExposure], noise: Noise, mosaic: str) -> Merged:
     """Maximum-likelihood merge of the exposures (for nearly normal noise), with weights seconds²/variance.
 
     The variance is that of the expected signal: the total signal over the total time, averaged over neighbours of the

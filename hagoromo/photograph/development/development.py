@@ -24,7 +24,7 @@ from hagoromo.files.finite import finite_json
 from hagoromo.files.memory import require
 from hagoromo.files.record import ForeignRecord, Pair, Positive, about, decode, json_value
 from hagoromo.files.whole import whole_file
-from hagoromo.photograph.development.bracket import Merged, Shot, merge
+from hagoromo.photograph.development.bracket import BracketExposure, Merged, merge
 from hagoromo.photograph.development.exposure import LINEAR_ROUNDING, Exposure, alike, planes
 from hagoromo.photograph.development.linearity import Ratio, common_black, measured_seconds
 from hagoromo.photograph.development.master import dark_master, flat_master, odd_samples
@@ -322,7 +322,7 @@ def _pairs(frames: Sequence[Exposure]) -> list[tuple[Exposure, Exposure]]:
 
 def _shots(
     exposures: Sequence[Exposure], calibration: CalibrationFrames, noise: Noise
-) -> tuple[list[Shot], NDArray[np.bool_]]:
+) -> tuple[list[BracketExposure], NDArray[np.bool_]]:
     """The exposures minus their dark frames, and the hot samples of these."""
     hot = np.zeros(exposures[0].signal.shape, np.bool_)
     shots = []
@@ -332,7 +332,7 @@ def _shots(
             master = dark_master(calibration.darks, one.seconds, noise)
             hot |= master.hot
             signal, dark, variance = one.signal - master.signal, master.signal, master.variance
-        shots.append(Shot(signal, dark, variance, one.rounding, one.full, one.white, one.seconds, one.curve))
+        shots.append(BracketExposure(signal, dark, variance, one.rounding, one.full, one.white, one.seconds, one.curve))
     return shots, hot
 
 

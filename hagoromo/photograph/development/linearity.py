@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
-from hagoromo.photograph.development.bracket import CEILING, Shot
+from hagoromo.photograph.development.bracket import CEILING, BracketExposure
 from hagoromo.photograph.development.exposure import planes
 from hagoromo.photograph.development.noise import Noise
 
@@ -39,7 +39,7 @@ class Ratio(NamedTuple):
     bend: float
 
 
-class Levels(NamedTuple):
+class SignalLevels(NamedTuple):
     """One colour of two exposures, by levels of the signal: mean signals [DN] and the variances of these means."""
 
     low: Array
@@ -54,7 +54,7 @@ class Levels(NamedTuple):
 
 
 def measured_seconds(
-    shots: Sequence[Shot], names: Sequence[str], noise: Noise, mosaic: str = ""
+    shots: Sequence[BracketExposure], names: Sequence[str], noise: Noise, mosaic: str = ""
 ) -> tuple[list[float], list[Ratio]]:
     """Exposure times [s], the shortest as stated, and the ratios of signals of successive exposures.
 
@@ -73,7 +73,7 @@ def measured_seconds(
     return seconds, ratios
 
 
-def common_black(shots: Sequence[Shot], noise: Noise, mosaic: str) -> float:
+def common_black(shots: Sequence[BracketExposure], noise: Noise, mosaic: str) -> float:
     """Offset δ [DN] to add to all signals so that they are proportional: h + δ = r (l + δ) at every level.
 
     r is free for each colour of each pair of successive exposures; δ lies in `BLACK_RANGE`. 0 unless it differs from 0
@@ -93,7 +93,7 @@ def common_black(shots: Sequence[Shot], noise: Noise, mosaic: str) -> float:
     return best if misfit(0.0) - misfit(best) > CONTRADICTED**2 * max(per_freedom, 1.0) else 0.0
 
 
-def _misfit(pair: Levels, black: float) -> float:
+def _misfit(pair: SignalLevels, black: float) -> float:
     """χ² of the ratio of one pair, fitted, with `black` added to both signals."""
     low, high = pair.low + black, pair.high + black
     weight = 1.0 / (pair.high_variance + (high.sum() / low.sum()) ** 2 * pair.low_variance)
@@ -101,7 +101,9 @@ def _misfit(pair: Levels, black: float) -> float:
     return float((weight * (high - ratio * low) ** 2).sum())
 
 
-def _levels(short: Shot, long: Shot, noise: Noise, mosaic: str, faint: float) -> list[Levels]:
+def _levels(
+    short: BracketExposure, long: BracketExposure, noise: Noise, mosaic: str, faint: float
+) -> list[SignalLevels]:
     """The levels of each colour that has enough samples above `faint` (a share of white) that neither has clipped."""
     stated = long.seconds / short.seconds
     # from the sum of both, so that samples are not selected or sorted by the noise of their ratio
@@ -120,11 +122,11 @@ def _levels(short: Shot, long: Shot, noise: Noise, mosaic: str, faint: float) ->
         means = [np.array([of[part].mean() for part in sorted_parts]) for of in (low, high, low_curve, high_curve)]
         variances = [np.array([of[p].mean() / len(p) for p in sorted_parts]) for of in (low_spread, high_spread)]
         if means[0].min() > 0.0 and means[1].min() > 0.0:
-            found.append(Levels(means[0], means[1], variances[0] + means[2] ** 2, variances[1] + means[3] ** 2))
+            found.append(SignalLevels(means[0], means[1], variances[0] + means[2] ** 2, variances[1] + means[3] ** 2))
     return found
 
 
-def _ratio(short: Shot, long: Shot, noise: Noise, mosaic: str) -> Ratio | None:
+def _ratio(short: BracketExposure, long: BracketExposure, noise: Noise, mosaic: str) -> Ratio | None:
     """The mean ratio over levels and colours, and the largest significant bend of any colour; None without samples."""
     every = [pair.ratios() for pair in _levels(short, long, noise, mosaic, FAINT_SIGNAL)]
     if not every:

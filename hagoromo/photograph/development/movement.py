@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.least_squares.loss import robust_scale
-from hagoromo.photograph.development.bracket import CEILING, Shot
+from hagoromo.photograph.development.bracket import CEILING, BracketExposure
 from hagoromo.photograph.development.exposure import planes
 from hagoromo.photograph.development.noise import Noise
 
@@ -22,7 +22,7 @@ SMOOTHED_NOISE = 1.0 / (4.0 * np.pi * SMOOTHED_PX**2)  # share of the variance o
 Array = NDArray[np.float64]
 
 
-def shift_between(one: Shot, other: Shot, noise: Noise, mosaic: str) -> tuple[float, float]:
+def shift_between(one: BracketExposure, other: BracketExposure, noise: Noise, mosaic: str) -> tuple[float, float]:
     """Shift (x, y) [px] of the image of `other` relative to that of `one`; (0, 0) if none is significant.
 
     Both are limited to the brightest light that neither has clipped, and scaled to uniform noise. A picture that is
@@ -78,7 +78,7 @@ def _scene_share(picture: Array, smoothed: Array) -> float:
     return 1.0 - noise * SMOOTHED_NOISE / total if total > 0.0 else 0.0
 
 
-def _grey(shot: Shot, ceiling: float, gain: float, floor: float, mosaic: str) -> Array:
+def _grey(shot: BracketExposure, ceiling: float, gain: float, floor: float, mosaic: str) -> Array:
     """Mean of the colours as the square root of electrons per second, which has uniform noise (Anscombe 1948)."""
     rate = np.where(shot.full, ceiling, np.clip(shot.signal / shot.seconds, 0.0, ceiling))
     colours = planes(rate, mosaic)

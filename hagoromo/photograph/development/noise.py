@@ -32,7 +32,7 @@ MEDIAN_EFFICIENCY = 0.37  # of a variance by the median absolute value, relative
 BAND_ROWS, MOST_SAMPLES = 128, 1_000_000  # of a colour of a large frame: bands of rows, and samples in them
 
 
-class Row(NamedTuple):
+class NoiseBin(NamedTuple):
     """A bin of samples: mean signal [DN], their variance and that of rounding [DN²], number of independent samples."""
 
     level: float
@@ -97,7 +97,7 @@ def noise_from_frames(frames: Sequence[Exposure]) -> Noise:
     is (n = 2: Immerkær 1996, "Fast noise variance estimation"), and the fewer independent samples remain. The lowest
     order is taken whose variance is that of the highest.
     """
-    every: list[dict[tuple[int, int, int], Row]] = [{} for _ in DIFFERENCES]
+    every: list[dict[tuple[int, int, int], NoiseBin]] = [{} for _ in DIFFERENCES]
     for number, frame in enumerate(frames):
         rounding = np.broadcast_to(np.float32(frame.rounding), frame.signal.shape)
         colours = zip(*(planes(a, frame.mosaic) for a in (frame.signal, frame.full, rounding)), strict=True)
@@ -109,7 +109,7 @@ def noise_from_frames(frames: Sequence[Exposure]) -> Noise:
     return _fit(_without_texture(every), "single frames (strong texture adds to it)")
 
 
-def _without_texture(every: Sequence[dict[tuple[int, int, int], Row]]) -> list[Row]:
+def _without_texture(every: Sequence[dict[tuple[int, int, int], NoiseBin]]) -> list[NoiseBin]:
     """Of the rows by each of `DIFFERENCES`, the most precise that have no more variance than those of highest order.
 
     If only the highest order will do, its texture is removed as well: the leak falls as 1/order, because the power of
@@ -150,7 +150,7 @@ def _bands(samples: NDArray) -> NDArray:
 
 def _difference_rows(
     samples: NDArray, full: NDArray, coarse: NDArray, white: float, order: int, share: float
-) -> dict[int, Row]:
+) -> dict[int, NoiseBin]:
     """Number of the bin → signal and variance of the smoothest `share` of the samples in that bin of the signal."""
     from scipy.ndimage import convolve1d, maximum_filter1d
 
@@ -178,7 +178,7 @@ def _difference_rows(
         variance = robust_scale(rough[chosen]) ** 2
         count, at = independent * len(chosen), float(level[chosen].mean())
         if variance > 0.0 and at + CLIPPING_DISTANCE * np.sqrt(variance) < white:
-            rows[k] = Row(at, variance, float(coarse[chosen].mean()), count)
+            rows[k] = NoiseBin(at, variance, float(coarse[chosen].mean()), count)
     return rows
 
 
@@ -189,7 +189,7 @@ def _neighbours(samples: NDArray) -> NDArray[np.float64]:
     return (9.0 * uniform_filter(samples.astype(np.float64), 3, mode="reflect") - samples) / 8.0
 
 
-def _binned(by: NDArray, mean: NDArray, deviation: NDArray, rounding: NDArray, white: float) -> list[Row]:
+def _binned(by: NDArray, mean: NDArray, deviation: NDArray, rounding: NDArray, white: float) -> list[NoiseBin]:
     """Bins of equally many samples, sorted `by` a quantity without their noise."""
     order, rows = np.argsort(by, kind="stable"), []
     for part in np.array_split(order, max(1, min(SIGNAL_BINS, len(order) // FEWEST_PER_BIN))):
@@ -197,11 +197,11 @@ def _binned(by: NDArray, mean: NDArray, deviation: NDArray, rounding: NDArray, w
             continue
         level, variance = float(mean[part].mean()), float(deviation[part].var(ddof=1))
         if level + CLIPPING_DISTANCE * np.sqrt(variance) < white and variance > 0.0:
-            rows.append(Row(level, variance, float(rounding[part].mean()), float(len(part))))
+            rows.append(NoiseBin(level, variance, float(rounding[part].mean()), float(len(part))))
     return rows
 
 
-def _fit(rows: list[Row], source: str) -> Noise:
+def _fit(rows: list[NoiseBin], source: str) -> Noise:
     from scipy.optimize import nnls
 
     rows = [row for row in rows if row.variance > LEAST_NOISE * row.rounding]

@@ -17,7 +17,7 @@ from hagoromo.transport.field.fit import LEAST_SHARE, ROUNDS, Columns, interpola
 from hagoromo.transport.field.second_order import NUMBERS
 from hagoromo.transport.field.sent_back import ByColour, colours_again, colours_from_lamps, incident_back
 from hagoromo.transport.field.sent_light import Numbers
-from hagoromo.transport.field.solve import Solution, Solver, accelerated, warn_if_unsettled
+from hagoromo.transport.field.solve import FieldSolution, Solver, accelerated, warn_if_unsettled
 from hagoromo.transport.field.sweep import Ways, sweep
 from hagoromo.transport.field.swept_back import BalanceByCells, by_incident, swept_back
 from hagoromo.transport.lighting import Lighting
@@ -26,7 +26,9 @@ from hagoromo.transport.lighting import Lighting
 class Adjoint:
     """Sweeps in reverse of those of a solution for light of all orders, with the same directions."""
 
-    def __init__(self, solver: Solver, solution: Solution, lighting: Lighting, by_colour: ByColour, seed: int) -> None:
+    def __init__(
+        self, solver: Solver, solution: FieldSolution, lighting: Lighting, by_colour: ByColour, seed: int
+    ) -> None:
         assert solution.settled is not None
         self.solver, self.settled, self.lighting, self.by_colour = solver, solution.settled, lighting, by_colour
         self.ways = Ways(solver.samples, solver.cells, np.random.default_rng(seed))

@@ -10,7 +10,7 @@ import drjit as dr
 from hagoromo.backend import Array3f, Float, arrays
 from hagoromo.transport.field.band_colours import BandColours
 from hagoromo.transport.field.second_order import NUMBERS
-from hagoromo.transport.field.solve import Solution, Solver
+from hagoromo.transport.field.solve import FieldSolution, Solver
 from hagoromo.transport.sample import Element
 
 
@@ -20,7 +20,7 @@ class Field:
     channels: the bands of every group of lamps. A plain object: loops do not take its values into their state.
     """
 
-    def __init__(self, solver: Solver, solution: Solution, colours: BandColours) -> None:
+    def __init__(self, solver: Solver, solution: FieldSolution, colours: BandColours) -> None:
         jit, cells, incident = arrays(), solver.stored, solution.incident
         self.residual, self.sweeps, scattering = solution.residual, solution.sweeps, solver.scattering
         self.cells, self.colours, self.scattering, self.channels = cells, colours, scattering, len(incident)

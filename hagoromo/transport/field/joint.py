@@ -14,7 +14,7 @@ from hagoromo.transport.field.cells import Cells
 from hagoromo.transport.field.links import Links, LitSurfaces, SmoothMatter, dark, smooth_extinction
 from hagoromo.transport.field.patches import SIDES, CornerLight
 from hagoromo.transport.field.sent_light import Numbers, added, nothing
-from hagoromo.transport.field.solve import Solution, Solver, accelerated, warn_if_unsettled
+from hagoromo.transport.field.solve import FieldSolution, Solver, accelerated, warn_if_unsettled
 from hagoromo.transport.field.sweep import Ways, balanced, sweep
 from hagoromo.transport.sample import Element
 
@@ -65,12 +65,12 @@ class Joint:
         point = dr.fma(place, cells.edge, cells.corner)
         return self.lit.surfaces.hit(point, towards).distance * cells.per_metre
 
-    def solved(self, orders: int | None) -> tuple[Solution | None, SurfaceLight]:
+    def solved(self, orders: int | None) -> tuple[FieldSolution | None, SurfaceLight]:
         """The light of orders 1 … `orders` − 1 (None: of all) in the stored cells, and at the surfaces."""
         lit, residual, sweeps = self.lit, 0.0, 0
         if orders == 1:
             cells = nothing(lit.channels, self.solver.stored.count) if self.solver else None
-            return Solution(cells, 0.0, 0) if cells else None, SurfaceLight(lit, dark(lit))
+            return FieldSolution(cells, 0.0, 0) if cells else None, SurfaceLight(lit, dark(lit))
         light: Numbers | None = None
         if orders is None:
             light, residual, sweeps = self._accelerated()

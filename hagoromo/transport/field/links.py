@@ -19,7 +19,7 @@ from hagoromo.files.memory import require
 from hagoromo.transport.field.band_colours import BandColours
 from hagoromo.transport.field.cells import Cells
 from hagoromo.transport.field.patches import SIDES, Patch, Patches
-from hagoromo.transport.field.scattering import REFLECTED, Scattering
+from hagoromo.transport.field.scattering import REFLECTED, ScatteringTables
 from hagoromo.transport.field.second_order import NUMBERS, projected, second_order
 from hagoromo.transport.field.sent_light import Numbers, nothing
 from hagoromo.transport.field.sweep import Path, Ways
@@ -52,7 +52,7 @@ class LitSurfaces:
     patches: Patches
     lighting: Lighting
     colours: BandColours
-    scattering: Scattering
+    scattering: ScatteringTables
     first: UInt
     surface_colours: SurfaceColours | None = None
     thickness: Float | None = None
@@ -212,7 +212,7 @@ class Links:
         weight = 4.0 * math.pi / self.ways
         light = [each * weight for each in light]
         dr.eval(light)
-        sides = summed(Rays(self, light), self.count * (SIDES if self.patches else 1))
+        sides = summed(LinkedRays(self, light), self.count * (SIDES if self.patches else 1))
         numbers = [self._scaled(*side) for side in sides] if self.patches else [numbers for numbers, _ in sides]
         dr.eval(numbers)
         return numbers
@@ -237,7 +237,7 @@ class FlatLight:
         return [[dr.gather(kind, number, patch.side, patch.there) for number in numbers] for numbers in self.light]
 
 
-class Rays:
+class LinkedRays:
     """Light along the rays of `Links`, weighed. A plain object: loops do not take its arrays into their state."""
 
     def __init__(self, links: Links, light: list[Float]) -> None:
@@ -262,7 +262,7 @@ class Rays:
 
 
 @dr.syntax
-def summed(rays: Rays, receivers: int) -> list[tuple[list[Float], Float]]:
+def summed(rays: LinkedRays, receivers: int) -> list[tuple[list[Float], Float]]:
     """Of every channel, the nine numbers of the light along all rays of each receiver, one after the other, and the
     irradiance; patches: of their fronts, then of their backs.
     """

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from hagoromo.backend import Array3f, Float, UInt, arrays, clip, lookup
 from hagoromo.errors import InputError
 from hagoromo.reflectance.element import ELEMENTS, projected_area
-from hagoromo.transport.crossing import LATTICE_MARGIN, Step
+from hagoromo.transport.crossing import LATTICE_MARGIN, MarchInterval
 from hagoromo.transport.field.band_colours import BandColours
 from hagoromo.transport.field.cell_size import densest
 from hagoromo.transport.field.cells import Cells
@@ -29,7 +29,7 @@ PLACES_SEED = 15
 
 
 @dataclass
-class Sample:
+class MatterSample:
     """One sample of matter. share: what it adds to the surface density τρ of its cell [1/m], see `MatterSamples`.
 
     colours: of body, interface and what is transmitted in every band. light: irradiance from every lamp, with shadows.
@@ -66,7 +66,7 @@ class MatterSamples:
         first, end = (dr.gather(arrays().UInt, self.first, cell + j) for j in (0, 1))
         return first, end
 
-    def at(self, number: UInt) -> Sample:
+    def at(self, number: UInt) -> MatterSample:
         """Sample of a number."""
         jit = arrays()
         material, share, *rest = (dr.gather(type(column), column, number) for column in self.columns)
@@ -75,7 +75,7 @@ class MatterSamples:
         else:
             light, row = rest[6:], material * self.colours
             colours = [dr.gather(jit.Float, self.by_material, row + k) for k in range(self.colours)]
-        return Sample(material, share, jit.Array3f(*rest[:3]), jit.Array3f(*rest[3:6]), colours, light)
+        return MatterSample(material, share, jit.Array3f(*rest[:3]), jit.Array3f(*rest[3:6]), colours, light)
 
     def point(self, number: UInt) -> Array3f:
         """Place of a sample, in the coordinates of the boxes."""
@@ -157,7 +157,7 @@ def sample_bytes(bands: BandColours, lighting: Lighting) -> float:
     return 4.0 * (8 + len(lighting.lamps) + bands.columns * bool(lighting.voxel_bases))
 
 
-def matter_at(medium: Medium, number: int, point: Array3f) -> tuple[Step, Float]:
+def matter_at(medium: Medium, number: int, point: Array3f) -> tuple[MarchInterval, Float]:
     """A place in box `number` as a step without length, and τρ there [1/m]; 0 outside."""
     jit, texel = arrays(), medium.boxes[number].texel
     number = dr.opaque(jit.UInt, number)
@@ -169,7 +169,7 @@ def matter_at(medium: Medium, number: int, point: Array3f) -> tuple[Step, Float]
     brick = medium.brick_at(frame, place)
     step = medium.at(number, place, brick)
 
-    def density(step: Step) -> Float:
+    def density(step: MarchInterval) -> Float:
         return medium.texel_extinction(step)[0] if texel else medium.cell_extinction(step)
 
     return step, dr.if_stmt((step,), inside & (brick >= 0), density, lambda step: jit.Float(0))

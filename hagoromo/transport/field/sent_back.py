@@ -8,8 +8,8 @@ from __future__ import annotations
 import drjit as dr
 
 from hagoromo.backend import Float, arrays
-from hagoromo.transport.field.matter_samples import MatterSamples, Sample
-from hagoromo.transport.field.scattering import Scattering, scattered
+from hagoromo.transport.field.matter_samples import MatterSample, MatterSamples
+from hagoromo.transport.field.scattering import ScatteringTables, scattered
 from hagoromo.transport.field.second_order import NUMBERS, second_order
 from hagoromo.transport.field.sent_light import Numbers, nothing
 from hagoromo.transport.lighting import Lighting
@@ -21,7 +21,7 @@ class ByColour:
     def __init__(self, of_part: tuple[int, ...], bands: int) -> None:
         self.of_part, self.bands, self.first = of_part, bands, (1 + max(of_part)) * bands
 
-    def added(self, sums: list[Float], sample: Sample, by_part: list[list[Float]]) -> list[Float]:
+    def added(self, sums: list[Float], sample: MatterSample, by_part: list[list[Float]]) -> list[Float]:
         """`sums`, of every colour and band, with a sample; by_part: derivative by its colours, of parts and bands."""
         sums = list(sums)
         for j, part in enumerate(self.of_part):
@@ -33,7 +33,7 @@ class ByColour:
 
 
 @dr.syntax
-def incident_back(samples: MatterSamples, scattering: Scattering, by_sent: Numbers, bands: int) -> Numbers:
+def incident_back(samples: MatterSamples, scattering: ScatteringTables, by_sent: Numbers, bands: int) -> Numbers:
     """The derivative by the incident light, from that by what cells send: the transpose of `sent_again`."""
     jit, cells = arrays(), dr.width(by_sent[0][0])
     k, end = samples.of_cell(dr.arange(jit.UInt, cells))
@@ -45,7 +45,9 @@ def incident_back(samples: MatterSamples, scattering: Scattering, by_sent: Numbe
     return back
 
 
-def _with_incident_back(back: Numbers, sample: Sample, scattering: Scattering, by_sent: Numbers, bands: int) -> Numbers:
+def _with_incident_back(
+    back: Numbers, sample: MatterSample, scattering: ScatteringTables, by_sent: Numbers, bands: int
+) -> Numbers:
     back = [list(numbers) for numbers in back]
     for part in range(scattering.parts):
         columns = _columns(sample, scattering, part)
@@ -59,7 +61,7 @@ def _with_incident_back(back: Numbers, sample: Sample, scattering: Scattering, b
 
 @dr.syntax
 def colours_again(
-    samples: MatterSamples, scattering: Scattering, by_sent: Numbers, incident: Numbers, by_colour: ByColour
+    samples: MatterSamples, scattering: ScatteringTables, by_sent: Numbers, incident: Numbers, by_colour: ByColour
 ) -> list[Float]:
     """Of every colour and band the derivative by it, a number a cell, of the light that is sent again."""
     jit, cells = arrays(), dr.width(by_sent[0][0])
@@ -74,8 +76,8 @@ def colours_again(
 
 def _with_colours_again(
     sums: list[Float],
-    sample: Sample,
-    scattering: Scattering,
+    sample: MatterSample,
+    scattering: ScatteringTables,
     by_sent: Numbers,
     incident: Numbers,
     by_colour: ByColour,
@@ -93,7 +95,7 @@ def _with_colours_again(
 
 @dr.syntax
 def colours_from_lamps(
-    samples: MatterSamples, scattering: Scattering, lighting: Lighting, by_sent: Numbers, by_colour: ByColour
+    samples: MatterSamples, scattering: ScatteringTables, lighting: Lighting, by_sent: Numbers, by_colour: ByColour
 ) -> list[Float]:
     """As `colours_again`, of the light of the lamps that is scattered once."""
     jit, cells = arrays(), dr.width(by_sent[0][0])
@@ -109,8 +111,8 @@ def colours_from_lamps(
 def _with_colours_from_lamps(
     sums: list[Float],
     samples: MatterSamples,
-    sample: Sample,
-    scattering: Scattering,
+    sample: MatterSample,
+    scattering: ScatteringTables,
     lighting: Lighting,
     by_sent: Numbers,
     by_colour: ByColour,
@@ -129,7 +131,7 @@ def _with_colours_from_lamps(
     return by_colour.added(sums, sample, by_part)
 
 
-def _columns(sample: Sample, scattering: Scattering, part: int) -> list[list[Float]]:
+def _columns(sample: MatterSample, scattering: ScatteringTables, part: int) -> list[list[Float]]:
     """Of each of the nine numbers of incident light, the nine that a sample of white colour sends on of its unit."""
     kind, blocks = arrays().Float, scattering.blocks(sample.material, part)
     units = [[kind(float(k == n)) for k in range(NUMBERS)] for n in range(NUMBERS)]

@@ -8,8 +8,8 @@ from __future__ import annotations
 import drjit as dr
 
 from hagoromo.backend import Float, arrays
-from hagoromo.transport.field.matter_samples import MatterSamples, Sample
-from hagoromo.transport.field.scattering import Scattering, scattered
+from hagoromo.transport.field.matter_samples import MatterSample, MatterSamples
+from hagoromo.transport.field.scattering import ScatteringTables, scattered
 from hagoromo.transport.field.second_order import NUMBERS, second_order
 from hagoromo.transport.lighting import Lighting
 
@@ -18,7 +18,7 @@ Numbers = list[list[Float]]  # per channel, the nine of every cell
 
 @dr.syntax
 def sent_from_lamps(
-    samples: MatterSamples, scattering: Scattering, lighting: Lighting, bands: int, cells: int
+    samples: MatterSamples, scattering: ScatteringTables, lighting: Lighting, bands: int, cells: int
 ) -> Numbers:
     """Light of the lamps that is scattered once."""
     jit = arrays()
@@ -33,7 +33,12 @@ def sent_from_lamps(
 
 
 def with_lamps(
-    sent: Numbers, samples: MatterSamples, sample: Sample, scattering: Scattering, lighting: Lighting, bands: int
+    sent: Numbers,
+    samples: MatterSamples,
+    sample: MatterSample,
+    scattering: ScatteringTables,
+    lighting: Lighting,
+    bands: int,
 ) -> Numbers:
     """`sent` and what one sample adds."""
     sent = [list(numbers) for numbers in sent]
@@ -51,7 +56,9 @@ def with_lamps(
 
 
 @dr.syntax
-def sent_again(samples: MatterSamples, scattering: Scattering, incident: Numbers, bands: int, cells: int) -> Numbers:
+def sent_again(
+    samples: MatterSamples, scattering: ScatteringTables, incident: Numbers, bands: int, cells: int
+) -> Numbers:
     """Of incident light, nine numbers a cell and channel."""
     jit = arrays()
     k, end = samples.of_cell(dr.arange(jit.UInt, cells))
@@ -63,7 +70,9 @@ def sent_again(samples: MatterSamples, scattering: Scattering, incident: Numbers
     return sent
 
 
-def with_incident(sent: Numbers, sample: Sample, scattering: Scattering, incident: Numbers, bands: int) -> Numbers:
+def with_incident(
+    sent: Numbers, sample: MatterSample, scattering: ScatteringTables, incident: Numbers, bands: int
+) -> Numbers:
     """`sent` and what one sample adds."""
     sent = [list(numbers) for numbers in sent]
     parts = [scattering.blocks(sample.material, part) for part in range(scattering.parts)]

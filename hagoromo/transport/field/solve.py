@@ -24,7 +24,7 @@ from hagoromo.transport.field.band_colours import BandColours
 from hagoromo.transport.field.cells import grid_over, matter_bounds
 from hagoromo.transport.field.fit import FINER, fitted
 from hagoromo.transport.field.matter_samples import held_share, sample_bytes, sampled
-from hagoromo.transport.field.scattering import Scattering
+from hagoromo.transport.field.scattering import ScatteringTables
 from hagoromo.transport.field.second_order import NUMBERS
 from hagoromo.transport.field.sent_light import Numbers, added, nothing, sent_again, sent_from_lamps
 from hagoromo.transport.field.sweep import Ways, balanced, sweep
@@ -48,7 +48,7 @@ class Solver:
     """
 
     def __init__(
-        self, medium: Medium, lighting: Lighting, colours: BandColours, scattering: Scattering, size: float
+        self, medium: Medium, lighting: Lighting, colours: BandColours, scattering: ScatteringTables, size: float
     ) -> None:
         """`size`: edge of a stored cell [m]. `scattering`: of the materials of all boxes, in order."""
         self.scattering, self.bands = scattering, colours.count
@@ -66,10 +66,10 @@ class Solver:
         """What filled cells send on of incident light."""
         return sent_again(self.samples, self.scattering, incident, self.bands, self.cells.filled)
 
-    def solved(self, seed: int, orders: int | None) -> Solution:
+    def solved(self, seed: int, orders: int | None) -> FieldSolution:
         """The light of orders 1 … `orders` − 1 (None: of all) that arrives in every stored cell."""
         if orders == 1:
-            return Solution(nothing(len(self.single), self.stored.count), 0.0, 0)
+            return FieldSolution(nothing(len(self.single), self.stored.count), 0.0, 0)
         ways = Ways(self.samples, self.cells, np.random.default_rng(seed))
         once, own = sweep(ways, self.single)
 
@@ -84,11 +84,11 @@ class Solver:
         warn_if_unsettled(residual, count)
         return self.kept(light, residual, count)
 
-    def kept(self, light: Numbers, residual: float, sweeps: int) -> Solution:
+    def kept(self, light: Numbers, residual: float, sweeps: int) -> FieldSolution:
         """The solution of the `light` in filled cells."""
         stored, known = fitted(self.stored, self.cells, light)
         self.stored.without(~known)
-        return Solution(stored, residual, sweeps, light)
+        return FieldSolution(stored, residual, sweeps, light)
 
     def own_gain(self, own: Float, ways: Ways) -> list[Float]:
         """1 / (1 − albedo · own) of every channel: what a unit of light becomes with what it gets back from itself."""
@@ -117,7 +117,7 @@ def samples_along(voxels: float, cells: float, each: float) -> int:
 
 
 @dataclass
-class Solution:
+class FieldSolution:
     """incident: nine numbers of every channel and stored cell. residual: of the last accelerated sweep. sweeps: all.
 
     settled: the light in filled cells.

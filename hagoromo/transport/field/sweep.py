@@ -142,7 +142,7 @@ def sweep(
         dr.eval(light, back, leaves)
         if balance:
             balance.add(cell, towards, ways.at(way)[1], ways.along(way, cell), light, leaves)
-        incident, own = collected(Light(light, back, ways, begin), incident, own, count)
+        incident, own = collected(SweptLight(light, back, ways, begin), incident, own, count)
         dr.eval(incident, own)
     return incident, own
 
@@ -153,7 +153,7 @@ def balanced(ways: Ways, sent: list[list[Float]], sight: Sight | None = None) ->
     return balance.scaled(sweep(ways, sent, sight, balance)[0])
 
 
-class Light:
+class SweptLight:
     """Light that arrived along some ways of each cell. A plain object: loops do not take its arrays into their state.
 
     first: number of the first of these ways.
@@ -176,7 +176,9 @@ class Light:
 
 
 @dr.syntax
-def collected(light: Light, incident: list[list[Float]], own: Float, count: int) -> tuple[list[list[Float]], Float]:
+def collected(
+    light: SweptLight, incident: list[list[Float]], own: Float, count: int
+) -> tuple[list[list[Float]], Float]:
     """`incident` and `own` with the light of `count` ways, one after the other: the sum has the same bits always."""
     jit = arrays()
     k, cell = jit.UInt(0), dr.arange(jit.UInt, dr.width(own))

@@ -14,7 +14,7 @@ from typing import Any
 import drjit as dr
 
 from hagoromo.backend import Array3f, Bool, Float, Int, UInt, arrays, clip
-from hagoromo.transport.crossing import BRICK_BITS, LAST_IN_CELL, NUDGE, Crossing, Ray, Step, selected
+from hagoromo.transport.crossing import BRICK_BITS, LAST_IN_CELL, NUDGE, Crossing, MarchInterval, Ray, selected
 from hagoromo.transport.frames import DENSEST
 from hagoromo.transport.medium import Medium
 from hagoromo.transport.path.majorants import Majorants
@@ -65,7 +65,7 @@ class Matter:
         meets no matter [m].
         """
         nothing = arrays().Float(0)
-        step = Step(arrays().UInt(0), ray, nothing, nothing, place, brick, nothing, nothing)
+        step = MarchInterval(arrays().UInt(0), ray, nothing, nothing, place, brick, nothing, nothing)
         return self.medium.extinction_at(step, direction)
 
     def ray(self, crossing: Crossing, box: UInt) -> Ray:

@@ -28,19 +28,19 @@ CLIP = 2.0  # scales of the residual above which a pixel (an edge, a shadow) has
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
+class IntegrabilityRows:
     """along (n, 6): K_x and K_y side by side; beyond (n, 3): x' K_x + y' K_y; place (n, 2): row and column."""
 
     along: Array
     beyond: Array
     place: NDArray[np.intp]
 
-    def chosen(self, index: NDArray) -> Rows:
+    def chosen(self, index: NDArray) -> IntegrabilityRows:
         """Some of the rows."""
-        return Rows(self.along[index], self.beyond[index], self.place[index])
+        return IntegrabilityRows(self.along[index], self.beyond[index], self.place[index])
 
 
-def rows(pixels: Array, step: int, tangent: Array) -> Rows:
+def rows(pixels: Array, step: int, tangent: Array) -> IntegrabilityRows:
     """One row per pixel of `pixels` (h, w, 3), NaN off the object, that has its neighbours at `step` on the object.
 
     tangent: (h, w, 2) x', y' of the rays; zeros for an orthographic view.
@@ -54,10 +54,10 @@ def rows(pixels: Array, step: int, tangent: Array) -> Rows:
     usable[:step] = usable[-step:] = usable[:, :step] = usable[:, -step:] = False
     place = np.argwhere(usable)
     k_x, k_y, rays = across[usable] / aspect, along[usable] * aspect, tangent[usable]
-    return Rows(np.c_[k_x, k_y], rays[:, :1] * k_x + rays[:, 1:] * k_y, place)
+    return IntegrabilityRows(np.c_[k_x, k_y], rays[:, :1] * k_x + rays[:, 1:] * k_y, place)
 
 
-def first_rows(lines: Rows) -> tuple[Array, float, FitStatus]:
+def first_rows(lines: IntegrabilityRows) -> tuple[Array, float, FitStatus]:
     """c₁ and c₂ (2, 3) of unit length together, their uncertainty from 0 (none) to 1, and how the fit ended."""
     weight, ratio = np.ones(len(lines.along)), 1.0
     best, change = np.zeros(6), np.inf

@@ -170,7 +170,7 @@ class JointSurface:
         gloss = np.stack([self.even * shade.interface, self.even * shade.by_width, *rough])
         return tilts, self.body * shade.body, lamps, gloss
 
-    def _reduced(self, damping: float) -> tuple[Array, Array, Array, _Pixels]:
+    def _reduced(self, damping: float) -> tuple[Array, Array, Array, _AlbedoPixels]:
         """Normal equations of lamps, gloss and mean slope, with the surface (V, · + 1) and the albedos eliminated."""
         from scipy.sparse import diags
         from scipy.sparse.linalg import splu
@@ -181,7 +181,7 @@ class JointSurface:
         weighed = weight * albedo
         own = (np.sum(weighed * albedo, axis=0) + few + 1e-9) * (1.0 + damping)
         pixel_rhs = np.sum(weighed * self.deviation, axis=0) - self.data.few * self.by_albedo
-        pixels = _Pixels(own, pixel_rhs, np.sum(weighed * tilts, axis=1), _each(weighed, lamps, gloss))
+        pixels = _AlbedoPixels(own, pixel_rhs, np.sum(weighed * tilts, axis=1), _each(weighed, lamps, gloss))
         outer, rhs = self._outer(lamps, gloss)
         outer -= pixels.outer.T @ (pixels.outer / own[:, None])
         rhs -= pixels.outer.T @ (pixel_rhs / own)
@@ -246,7 +246,7 @@ def unpack_shared(shared: NDArray[np.floating], lamps: int) -> tuple[Array, Arra
 
 
 @dataclass(frozen=True, eq=False)
-class _Pixels:
+class _AlbedoPixels:
     """Of ln albedo: curvature (P,), right-hand side (P,), and products with u_x and u_y (2, P), lamps, gloss (P, ·)."""
 
     own: Array

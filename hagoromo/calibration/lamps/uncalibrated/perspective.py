@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 
 from hagoromo.calibration.lamps.uncalibrated.bas_relief import Family, ObjectPrior
-from hagoromo.calibration.lamps.uncalibrated.integrability import CLIP, Rows
+from hagoromo.calibration.lamps.uncalibrated.integrability import CLIP, IntegrabilityRows
 from hagoromo.calibration.lamps.uncalibrated.low_rank import Array
 from hagoromo.least_squares.fit_status import FitStatus, scipy_status
 from hagoromo.least_squares.loss import robust_scale
@@ -21,7 +21,12 @@ SAMPLES = 2000  # rows that are evaluated
 
 
 def resolve_in_perspective(
-    family_of: Callable[[Array], Family], lines: Rows, first: Array, figures: Array, prior: ObjectPrior, sweeps: int
+    family_of: Callable[[Array], Family],
+    lines: IntegrabilityRows,
+    first: Array,
+    figures: Array,
+    prior: ObjectPrior,
+    sweeps: int,
 ) -> tuple[Array, Array, FitStatus]:
     """c₁ and c₂ (2, 3) and the bas-relief parameters, starting from those of an orthographic view, by Powell's method,
     and how that ended.

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.calibration.lamps.uncalibrated.bas_relief import Family, ObjectPrior, resolve
-from hagoromo.calibration.lamps.uncalibrated.integrability import Rows, first_rows, rows
+from hagoromo.calibration.lamps.uncalibrated.integrability import IntegrabilityRows, first_rows, rows
 from hagoromo.calibration.lamps.uncalibrated.low_rank import Array, Factors, binned, factorise
 from hagoromo.calibration.lamps.uncalibrated.perspective import resolve_in_perspective
 from hagoromo.errors import InputError
@@ -24,7 +24,7 @@ SWEEPS, FEWER = 10, 2  # of Powell's method in perspective: from an orthographic
 FLIP = np.array([-1.0, -1.0, 1.0])  # convex to hollow
 
 
-class Solved(NamedTuple):
+class ScaledLamps(NamedTuple):
     """lamps (K, 3), pixels (P, 3), c₁ and c₂ (2, 3), the bas-relief parameters, and how their fit ended."""
 
     lamps: Array
@@ -42,7 +42,7 @@ class Scale:
     """
 
     factors: Factors
-    rows: Rows
+    rows: IntegrabilityRows
     first: Array
     ratio: float
     afar: bool
@@ -53,7 +53,7 @@ class Scale:
         """The surfaces and lamps that c₁ and c₂ leave possible."""
         return Family(self.factors, first, self.sample)
 
-    def solved(self, prior: ObjectPrior, start: Solved | None = None) -> Solved:
+    def solved(self, prior: ObjectPrior, start: ScaledLamps | None = None) -> ScaledLamps:
         """The lamps, from `start`, of nearly the same data, where given."""
         first, figures = self.first, None if start is None else start.figures
         if start is not None and not self.afar:
@@ -66,7 +66,7 @@ class Scale:
             sweeps = SWEEPS if start is None else FEWER
             first, figures, status = resolve_in_perspective(self.family, self.rows, first, figures, prior, sweeps)
             family = self.family(first)
-        return Solved(*family.true(family.third(figures)), first, figures, status)
+        return ScaledLamps(*family.true(family.third(figures)), first, figures, status)
 
     def drawn(self, random: np.random.Generator) -> Scale:
         """The same with tiles of the object resampled."""
