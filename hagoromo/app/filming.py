@@ -10,6 +10,7 @@ import hagoromo as hg
 from hagoromo.app.progress_bar import progress_bar
 from hagoromo.app.verb import say, wrote
 from hagoromo.errors import InputError
+from hagoromo.image.modes import Mode
 
 if TYPE_CHECKING:
     from hagoromo.image.film.film import Turn
@@ -45,7 +46,7 @@ def write_film_of(
     fps: float | None,
     scheduler: Any,
     force: bool,
-    mode: str,
+    mode: Mode,
 ) -> None:
     """Render and write a film; stated: settings that replace those of the scene."""
     from hagoromo.image.scene_file import camera_and_settings

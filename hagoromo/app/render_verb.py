@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
 
 from tyro.conf import Positional
 
@@ -16,12 +15,13 @@ from hagoromo.app.verb import Force, Out, wrote
 from hagoromo.app.written import with_picture
 from hagoromo.errors import InputError
 from hagoromo.files.whole import replaceable_files
+from hagoromo.image.modes import Mode
 
 
 def render(
     scene: Positional[Path],
     out: Out,
-    mode: Literal["march", "full", "path"] = "march",
+    mode: Mode = "march",
     tolerance: float | None = None,
     samples: int | None = None,
     seed: int | None = None,
@@ -73,13 +73,13 @@ def render(
         stated = {"tolerance": tolerance, "samples": samples, "seed": seed, "error": error, "seconds": time}
         given = {key: value for key, value in stated.items() if value is not None}
         return write_film_of(scene, out, given, turn, fps, scheduler.chosen, force, mode)
-    from hagoromo.image.shown import Shown
+    from hagoromo.image.shown import DisplayTransform
 
     if denoise:
         from hagoromo.image.denoise import name_of_denoiser
 
         name_of_denoiser()
-    Shown(display)  # refuses what there is not before the work
+    DisplayTransform(display)  # refuses what there is not before the work
     unfinished = _unfinished(out) if resume else None
     replaceable_files(with_picture(out).files, force or resume)
     from hagoromo.image.scene_file import camera_and_settings

@@ -20,6 +20,7 @@ from hagoromo.image.gloss_texture import gloss_rows
 from hagoromo.image.image import Image
 from hagoromo.image.lamp_batches import lamp_batches, under_batches
 from hagoromo.image.lit_by_points import lit_by_points
+from hagoromo.image.modes import MODES, Mode
 from hagoromo.image.origin import Origin, depth_of_matter, origin_of, scene_from, scene_origin
 from hagoromo.image.scene import Scene
 from hagoromo.image.settings import Settings
@@ -43,7 +44,6 @@ from hagoromo.transport.shadow import brute_attenuation, fitting_resolution, map
 from hagoromo.transport.surface_colours import SurfaceColours, TextureOfSurface, surface_element
 from hagoromo.volume.box import VolumeBox
 
-MODES = ("march", "full", "path")  # how light is computed
 LOADING = 0.2  # of the work of a scene file, when its boxes are there
 COARSEST_MAP = 32  # texels along a side of a shadow map at least
 
@@ -55,7 +55,7 @@ def render(
     settings: Settings | None = None,
     progress: Progress = silent,
     scheduler: str | int | None = None,
-    mode: str = "march",
+    mode: Mode = "march",
     unfinished: Image | None = None,
     layers: bool = False,
 ) -> Image:
@@ -108,7 +108,7 @@ def render(
 
 
 def picture_of_mode(
-    mode: str,
+    mode: Mode,
     scene: Scene,
     settings: Settings,
     cache: SceneCache,
@@ -136,7 +136,7 @@ def with_layers(image: Image, scene: Scene, settings: Settings) -> Image:
     return replace(image, layers=layers_of(scene, settings), metadata=record)
 
 
-def check_mode(settings: Settings, mode: str) -> None:
+def check_mode(settings: Settings, mode: Mode) -> None:
     """`InputError` for settings that the mode does not heed."""
     if settings.cut is not None and mode != "march":
         raise InputError(f"a cut is for mode march, and the mode is {mode}: leave the cut out, or render by march")

@@ -39,10 +39,11 @@ from hagoromo.files.record import (
 )
 from hagoromo.files.stores import address
 from hagoromo.image.film.motion_record import MotionRecord
+from hagoromo.image.modes import Shadows
 from hagoromo.image.needed_bricks import needed_bricks
 from hagoromo.image.scene import Scene
 from hagoromo.image.scene_lights import (
-    Emission,
+    EmissionRecord,
     SceneAreaLamp,
     SceneEnvironment,
     area_lamp_from,
@@ -57,7 +58,7 @@ from hagoromo.image.scene_textures import (
     body_texture_from,
     gamma_texture_from,
 )
-from hagoromo.image.settings import FINEST_SHADOWS, MOST_SAMPLES, SHADOWS, Settings
+from hagoromo.image.settings import FINEST_SHADOWS, MOST_SAMPLES, Settings
 from hagoromo.image.surface import SHAPES, Surface
 from hagoromo.image.surface_texture import SurfaceTexture
 from hagoromo.light.spectrum import SOURCE, Spectrum
@@ -111,7 +112,7 @@ class SceneCamera(Record, frozen=True, kw_only=True):
     name: Annotated[str | None, about("name of the camera")] = None
 
 
-class Place(Record, frozen=True, kw_only=True):
+class Placement(Record, frozen=True, kw_only=True):
     """Where a thing stands: `position` and `rotation_deg`, or `pose`."""
 
     position: Annotated[Vector | None, about("shift, world axes [m]")] = None
@@ -119,7 +120,7 @@ class Place(Record, frozen=True, kw_only=True):
     pose: Annotated[Matrix | None, about("4 × 4 by rows [m], in place of position and rotation_deg")] = None
 
 
-class SceneBox(Place, frozen=True, kw_only=True):
+class SceneBox(Placement, frozen=True, kw_only=True):
     """A volume box: a file, or a recipe that is built when the scene is loaded."""
 
     file: Annotated[str | None, about("volume box, a folder such as cloth.zarr, or s3://bucket/cloth.zarr")] = None
@@ -132,7 +133,7 @@ class SceneBox(Place, frozen=True, kw_only=True):
     name: Annotated[str | None, about("name of the box")] = None
 
 
-class SceneSurface(Place, frozen=True, kw_only=True):
+class SceneSurface(Placement, frozen=True, kw_only=True):
     """A surface: a shape of unit size, or a mesh."""
 
     shape: Annotated[
@@ -161,7 +162,7 @@ class SceneSurface(Place, frozen=True, kw_only=True):
         like(GammaTexture),
         about("half width of the facets from place to place, in place of the reflectance's gamma"),
     ] = None
-    emission: Annotated[dict[str, Any] | None, like(Emission), about("light that its front gives off")] = None
+    emission: Annotated[dict[str, Any] | None, like(EmissionRecord), about("light that its front gives off")] = None
     name: Annotated[str, about("name of the surface")] = ""
 
 
@@ -169,7 +170,7 @@ class RenderRecord(Record, frozen=True, kw_only=True):
     """How a scene is rendered."""
 
     samples: Annotated[int, from_to(1, MOST_SAMPLES), about("rays a pixel")] = Settings.samples
-    shadows: Annotated[str, one_of(*SHADOWS), about("how shadows are computed")] = Settings.shadows
+    shadows: Annotated[Shadows, about("how shadows are computed")] = Settings.shadows
     shadow_resolution: Annotated[
         Annotated[int, from_to(2, FINEST_SHADOWS)] | None, about("texels a side of a shadow map; default: fitting")
     ] = None
@@ -402,7 +403,7 @@ def _surface(record: dict[str, Any], folder: Path, where: str, read: Readers) ->
     return replace(made, **further)
 
 
-def _pose(key: Place, where: str) -> NDArray[np.float64]:
+def _pose(key: Placement, where: str) -> NDArray[np.float64]:
     """(4, 4) of a place, without its scale."""
     if key.pose is not None:
         if key.position is not None or key.rotation_deg is not None:

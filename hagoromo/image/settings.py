@@ -7,13 +7,13 @@ from pathlib import Path
 
 from hagoromo.errors import InputError
 from hagoromo.image.cut import Cut, checked_cut
+from hagoromo.image.modes import SHADOWS, Shadows
 from hagoromo.image.scene import Scene
 from hagoromo.transport.frames import DEFAULT_TOLERANCE
 
 MOST_SAMPLES = 1 << 16  # rays a pixel: their noise is a 256th of that of one
 FINEST_SHADOWS = 16384  # texels a side of a shadow map
 LONGEST = 1e7  # time that a picture may take [s]
-SHADOWS = ("map", "march", "none")
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Settings:
     """
 
     samples: int = 1
-    shadows: str = "map"
+    shadows: Shadows = "map"
     shadow_resolution: int | None = None
     tolerance: float = DEFAULT_TOLERANCE
     seed: int = 0

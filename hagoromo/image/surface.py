@@ -23,7 +23,7 @@ from hagoromo.image.gloss_texture import alike, ends, widest_glosses
 from hagoromo.image.shape_mesh import shape_mesh
 from hagoromo.image.surface_texture import SurfaceTexture
 from hagoromo.light.colour import srgb_decode
-from hagoromo.light.spectrum import Spectrum
+from hagoromo.light.spectrum import Spectrum, checked_spectrum
 from hagoromo.light.surface_emission import SurfaceEmission
 from hagoromo.reflectance.reflectance import LARGEST_GAMMA, SMALLEST_GAMMA, Reflectance
 from hagoromo.transport.path.optics import KINDS
@@ -101,6 +101,7 @@ class Surface:
         if self.absorption is not None:
             if self.optics != "glass":
                 raise InputError(f"{who}: absorption is of glass, and optics is {self.optics!r}: leave absorption out")
+            checked_spectrum(self.absorption, f"{who}: absorption")
             if not (self.absorption.values >= 0.0).all():
                 raise InputError(f"{who}: absorption is below 0 at some wavelength: give 0 or more [1/m]")
         if self.optics:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hagoromo.errors import InputError
-from hagoromo.light.spectrum import Spectrum
+from hagoromo.light.spectrum import Spectrum, checked_spectrum
 
 SQUARE = 1e-6  # cosine of the angle between the sides of a rectangle, at most
 LEAST_SIDE = 1e-9  # of a rectangle, over the other one
@@ -60,7 +60,11 @@ class AreaLamp:
         keep(self, "radius", None if radius is None else float(radius))
         keep(self, "edges", None if edges is None else _rectangle(edges, who))
         keep(self, "radiance", float(radiance))
-        keep(self, "spectrum", Spectrum.constant(1.0) if spectrum is None else spectrum)
+        keep(
+            self,
+            "spectrum",
+            Spectrum.constant(1.0) if spectrum is None else checked_spectrum(spectrum, f"area lamp {name!r}: spectrum"),
+        )
         keep(self, "name", name)
         keep(self, "visible", bool(visible))
 

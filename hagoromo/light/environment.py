@@ -22,7 +22,7 @@ from hagoromo.files.checks import existing_file
 from hagoromo.files.exr import read_exr
 from hagoromo.files.hdr import STARTS, read_hdr
 from hagoromo.files.memory import require
-from hagoromo.light.spectrum import Spectrum
+from hagoromo.light.spectrum import Spectrum, checked_spectrum
 
 LARGEST_RADIANCE = 1e15
 SAME_COLOUR = 1e-6  # of the brightest channel, within which all pixels have one colour
@@ -81,7 +81,13 @@ class Environment:
         if turn.shape != (3, 3) or not np.allclose(turn @ turn.T, np.eye(3), atol=1e-6):
             raise InputError(f"{self.name}: rotation is not a (3, 3) matrix that turns: give one, or leave it out")
         keep(self, "scale", float(scale))
-        keep(self, "spectrum", Spectrum.constant(1.0) if spectrum is None else spectrum)
+        keep(
+            self,
+            "spectrum",
+            Spectrum.constant(1.0)
+            if spectrum is None
+            else checked_spectrum(spectrum, f"environment {name!r}: spectrum"),
+        )
         keep(self, "rotation", turn)
         keep(self, "visible", bool(visible))
 

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hagoromo.errors import InputError
 from hagoromo.light.lamp_profile import LampProfile
-from hagoromo.light.spectrum import Spectrum
+from hagoromo.light.spectrum import Spectrum, checked_spectrum
 
 DOWN = np.array([0.0, 0.0, -1.0])  # world: the axis of a lamp with a profile that states none
 
@@ -78,7 +78,11 @@ class Lamp:
         object.__setattr__(self, "position", at)
         object.__setattr__(self, "to_lamp", towards)
         object.__setattr__(self, "intensity", _intensity(intensity, name))
-        object.__setattr__(self, "spectrum", Spectrum.constant(1.0) if spectrum is None else spectrum)
+        object.__setattr__(
+            self,
+            "spectrum",
+            Spectrum.constant(1.0) if spectrum is None else checked_spectrum(spectrum, f"lamp {name!r}: spectrum"),
+        )
         object.__setattr__(self, "name", name)
         object.__setattr__(self, "axis", along)
         object.__setattr__(self, "axis_power", float(axis_power))

@@ -13,7 +13,7 @@ FEWEST_DIRECTIONS = 3  # a Lambertian normal has three unknowns; a fourth lamp j
 LARGEST_CONDITION = 20.0  # errors of the photographs grow by it in the worst direction of the normal
 
 
-class Spread(NamedTuple):
+class LampSpread(NamedTuple):
     """lamps: how many. condition: largest over smallest singular value of their unit directions (K, 3), 1 at best.
     widest_deg: largest angle between two [°].
     """
@@ -23,7 +23,7 @@ class Spread(NamedTuple):
     widest_deg: float
 
 
-def check_spread(to_lamp: ArrayLike) -> Spread:
+def check_spread(to_lamp: ArrayLike) -> LampSpread:
     """How far the directions `to_lamp` (K, 3) are spread.
 
     `InputError` for fewer than three, or directions in one plane with the scene, which do not determine normals.
@@ -41,7 +41,7 @@ def check_spread(to_lamp: ArrayLike) -> Spread:
             f"the {len(directions)} lamps lie nearly in one plane with the scene, or side by side (condition number "
             f"{min(condition, 9999.0):.3g}, {LARGEST_CONDITION:g} at most; {widest:.3g}° apart): move one out of it"
         )
-    return Spread(len(directions), condition, widest)
+    return LampSpread(len(directions), condition, widest)
 
 
 def condition_of(directions: NDArray[np.float64]) -> float:

@@ -35,6 +35,14 @@ class SpectrumRecord(Record, frozen=True, kw_only=True):
 SOURCE = like(SpectrumRecord, number={"type": "number"}, name={"type": "string"})  # what `Spectrum.load` takes
 
 
+def checked_spectrum(value: Any, what: str) -> Spectrum:
+    """`value`, if it is a Spectrum; else an `InputError` that says how to make one of a number."""
+    if not isinstance(value, Spectrum):
+        how = f"hg.Spectrum.constant({value:g})" if isinstance(value, (int, float)) else "hg.Spectrum.load(file)"
+        raise InputError(f"{what} is {value!r:.60}: give a Spectrum, as {how}")
+    return value
+
+
 @dataclass(frozen=True, eq=False)
 class Spectrum:
     """Piecewise linear function of the wavelength.

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hagoromo.errors import InputError
-from hagoromo.light.spectrum import Spectrum
+from hagoromo.light.spectrum import Spectrum, checked_spectrum
 
 
 @dataclass(frozen=True)
@@ -26,6 +26,7 @@ class SurfaceEmission:
     def __post_init__(self) -> None:
         if not (np.isfinite(self.radiance) and self.radiance > 0.0):
             raise InputError(f"the radiance of an emission is {self.radiance!r:.60}: give a finite number above 0")
+        checked_spectrum(self.spectrum, "emission: spectrum")
         if not (self.spectrum.values >= 0.0).all() or not self.spectrum.values.any():
             raise InputError("the spectrum of an emission is below 0 somewhere, or 0 everywhere: give one of light")
 

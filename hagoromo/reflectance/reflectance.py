@@ -5,23 +5,33 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any
 
 import drjit as dr
 import numpy as np
 from msgspec import Meta
+from numpy.typing import ArrayLike, NDArray
 
 from hagoromo.backend import Array3f, Float, arrays, lookup
 from hagoromo.errors import InputError, described
 from hagoromo.files.record import Record, about, decode, like
-from hagoromo.light.spectrum import SOURCE, VISIBLE, Spectrum, SpectrumRecord
+from hagoromo.light.spectrum import SOURCE, VISIBLE, Spectrum, SpectrumRecord, checked_spectrum
 from hagoromo.reflectance.body import EPSILON_RANGE, SIGMA_RANGE, body_albedo_ratio
 from hagoromo.reflectance.element import ELEMENTS, Element, element_weights
-from hagoromo.reflectance.facets import GAUSSIAN, LEAST_NU, LN2, TailExponent, is_gaussian, tail_reach, tail_scale
+from hagoromo.reflectance.facets import GAUSSIAN, LEAST_NU, TailExponent, is_gaussian
+from hagoromo.reflectance.interface_albedo import VIEWS, interface_albedo
+from hagoromo.reflectance.number_arrays import broadcast_directions, numbers_of, vectors_of
 from hagoromo.reflectance.pigment import PigmentRecord, pigment_from_record, skin_colour
-from hagoromo.reflectance.torrance_sparrow import Weights, cosines, weights_at
+from hagoromo.reflectance.sampling import (
+    LobeShare,
+    density_of_lobes,
+    frame_about,
+    local,
+    shares_of_lobes,
+    to_lamp_by_lobes,
+)
+from hagoromo.reflectance.torrance_sparrow import Weights
 from hagoromo.reflectance.transmission import (
     AllWeights,
     around_fibre,
@@ -37,11 +47,8 @@ NEUTRAL = Spectrum.constant(1.0)  # the interface of a dielectric keeps the lamp
 SMALLEST_GAMMA, LARGEST_GAMMA = 1e-4, math.pi / 2  # [rad]
 LARGEST_BETA = 1e4  # [1/sr]
 SEEN = {"plane": "seen at {:.0f}° ", "cylinder": "seen at {:.0f}° from across its tangent ", "sphere": ""}
-NEGLIGIBLE = 1e-6  # facet densities below this share of the peak are left out of the albedo
 MOST_LOBES = 4  # further lobes of one reflectance: each is a part of every kernel
 Lobe = tuple[float, float]  # β [1/sr] and γ [rad] of a Gaussian lobe
-ELEMENT_NODES = 24  # normals of a sphere or cylinder over which the plane's albedo is averaged
-VIEWS = np.radians([0, 15, 30, 45, 55, 65, 72, 78, 83, 86, 88, 89, 89.7])  # where energy conservation is checked
 
 
 class ReflectanceRecord(Record, frozen=True, kw_only=True):
@@ -110,7 +117,7 @@ class Reflectance:
     n: float
     body_colour: Spectrum
     interface_colour: Spectrum = NEUTRAL
-    element: str = "plane"
+    element: Element = "plane"
     name: str = ""
     nu: float = GAUSSIAN
     epsilon: float = 0.0
@@ -140,7 +147,7 @@ class Reflectance:
                 f"{who}: element is {self.element!r}: give epsilon and sigma to planes only, or leave them out"
             )
         for key in ("body_colour", "interface_colour"):
-            if min(getattr(self, key).values) < 0:
+            if min(checked_spectrum(getattr(self, key), f"{who}: {key}").values) < 0:
                 raise InputError(f"{who}: {key} is below 0 at some wavelength: a colour is 0 or more")
         self._check_transmission(who)
         albedo = self.directional_albedo()
@@ -161,6 +168,82 @@ class Reflectance:
         if self.element == "plane":
             axis = facing(axis, to_eye)
         return AllWeights(*self._reflected(axis, to_lamp, to_eye), once, twice)
+
+    def evaluate(
+        self, axis: ArrayLike, to_lamp: ArrayLike, to_eye: ArrayLike, wavelength_nm: ArrayLike | None = None
+    ) -> NDArray[np.float64]:
+        """f of eq. (3) [1/sr]: light to the eye for a unit irradiance facing the lamp, cosine of incidence included.
+
+        axis: normal of a plane, tangent of a cylinder, anything for a sphere. Directions are (..., 3), of any length,
+        and are broadcast together. Gives (..., W) for W wavelengths [nm], (..., 1) at 550 nm without them. Of what
+        transmits, the light that has passed through is in it. In double precision; `InputError` for directions that
+        are not finite or 0.
+
+        >>> matte = hg.Reflectance(alpha=0.2, beta=0.0, gamma=0.2, n=1.5, body_colour=hg.Spectrum.constant(0.5))
+        >>> matte.evaluate([0, 0, 1], [0, 0, 1], [[0, 0, 1], [0, 1, 1]]).round(3).tolist()
+        [[0.1], [0.1]]
+        """
+        wavelengths = np.atleast_1d(np.asarray(550.0 if wavelength_nm is None else wavelength_nm, np.float64))
+        shape, directions = broadcast_directions(axis=axis, to_lamp=to_lamp, to_eye=to_eye)
+        parts = [numbers_of(weight) for weight in self.weights(*directions)]
+        colours = (self.body_colour, self.interface_colour, *(self.transmitted if self.transmits else ()))
+        each = (part[:, None] * colour.at(wavelengths) for part, colour in zip(parts, colours, strict=True))
+        return np.broadcast_to(sum(each, np.zeros(1)), (math.prod(shape), wavelengths.size)).reshape(*shape, -1)
+
+    def sample(
+        self, axis: ArrayLike, to_eye: ArrayLike, numbers: ArrayLike
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Directions to the lamp, (..., 3), drawn nearly as the plane with normal `axis` sends light; and their `pdf`.
+
+        numbers: (..., 3), independent and uniform in [0, 1): which lobe, and two for the direction. A direction may be
+        below the horizon, where f is 0. `InputError` for other elements and what transmits, see `pdf`.
+
+        >>> matte = hg.Reflectance(alpha=0.2, beta=0.0, gamma=0.2, n=1.5, body_colour=hg.Spectrum.constant(0.5))
+        >>> to_lamp, density = matte.sample([0, 0, 1], [0, 0, 1], [0.5, 0.0, 0.0])
+        >>> to_lamp.round(6).tolist(), round(float(density), 4)
+        ([0.0, 0.0, 1.0], 0.3183)
+        """
+        self._check_plane("sample")
+        shape, (axis_, view) = broadcast_directions(axis=axis, to_eye=to_eye, like=numbers)
+        uniform = np.broadcast_to(np.asarray(numbers, np.float64), (*shape, 3)).reshape(-1, 3)
+        if not ((uniform >= 0.0) & (uniform < 1.0)).all():
+            raise InputError("sample: numbers are to be from 0 to below 1, as of numpy.random.Generator.random")
+        frame = frame_about(axis_)
+        drawn = to_lamp_by_lobes(local(frame, view), self._shares(), *vectors_of(uniform))
+        out = drawn.x * frame[0] + drawn.y * frame[1] + drawn.z * frame[2]
+        density = density_of_lobes(drawn, local(frame, view), self._shares())
+        return np.array(out).T.reshape(*shape, 3), np.broadcast_to(numbers_of(density), len(uniform)).reshape(shape)
+
+    def pdf(self, axis: ArrayLike, to_lamp: ArrayLike, to_eye: ArrayLike) -> NDArray[np.float64]:
+        """Density per solid angle [1/sr] with which `sample` gives the directions `to_lamp`: (...).
+
+        Directions are (..., 3). Over all directions it is 1. Only planes have one: of a cylinder and a sphere a normal
+        is drawn first. `InputError` for these, and for what transmits.
+        """
+        self._check_plane("pdf")
+        shape, (axis_, lamp, view) = broadcast_directions(axis=axis, to_lamp=to_lamp, to_eye=to_eye)
+        frame = frame_about(axis_)
+        density = density_of_lobes(local(frame, lamp), local(frame, view), self._shares())
+        return np.broadcast_to(numbers_of(density), math.prod(shape)).reshape(shape)
+
+    def lobe_shares(self) -> list[float]:
+        """Shares of the samples for the lobes of the interface, by their albedos; what is left is for the body."""
+        n, lobes = float(self.n), [(self.beta, self.gamma, self.nu), *((*lobe, GAUSSIAN) for lobe in self.lobes)]
+        sent = [beta * float(np.median(interface_albedo(float(gamma), n, float(nu)))) for beta, gamma, nu in lobes]
+        return shares_of_lobes(sent, self.body_albedo, both=self.alpha > 0.0 and self.beta > 0.0)
+
+    def _shares(self) -> list[LobeShare]:
+        shapes = [(self.gamma, self.nu), *((gamma, GAUSSIAN) for _, gamma in self.lobes)]
+        kind = arrays().Float64  # opaque: literals would compile for every material
+        return [
+            (dr.opaque(kind, share), dr.opaque(kind, gamma), nu if is_gaussian(nu) else dr.opaque(kind, nu))
+            for share, (gamma, nu) in zip(self.lobe_shares(), shapes, strict=True)
+        ]
+
+    def _check_plane(self, what: str) -> None:
+        if self.element != "plane" or self.transmits:
+            kind = "what transmits" if self.transmits else f"a {self.element}"
+            raise InputError(f"{what} is for planes that only reflect, and this is {kind}: use evaluate")
 
     def _transmitted(self, axis: Array3f, to_lamp: Array3f, to_eye: Array3f) -> tuple[Float, Float]:
         """Weights of the light that has passed through once, and twice as far."""
@@ -189,6 +272,8 @@ class Reflectance:
             raise InputError(
                 f"{who}: clearness is {self.clearness:g} and element {self.element!r}: give it to cylinders only"
             )
+        if self.transmitted_colour is not None:
+            checked_spectrum(self.transmitted_colour, f"{who}: transmitted_colour")
         colour = self.transmitted_colour or self.body_colour
         if self.transmits and (min(colour.values) < 0.0 or _largest(colour) > 1.0):
             raise InputError(
@@ -317,66 +402,6 @@ def _without_gaussian_nu(record: Any) -> Any:
     if isinstance(record, Mapping) and "nu" in record and record["nu"] in (None, GAUSSIAN):
         return {key: value for key, value in record.items() if key != "nu"}
     return record
-
-
-@lru_cache(maxsize=256)
-def interface_albedo(
-    gamma: float, n: float, nu: float = GAUSSIAN, element: str = "plane", angles: int = 48
-) -> np.ndarray:
-    """Albedo of the interface for β = 1, ∫ f dL over all lamp directions [sr], from 13 directions of view: (13,).
-
-    gamma: half width γ of the facets [rad]. n: refractive index. nu: exponent ν of their tails. element: the plane's
-    views run from along its normal to 89.7° from it, the cylinder's from across its tangent to 89.7° from there, and
-    the sphere's are all alike. The plane by quadrature over the half vector Q, dL = 4 cosθ_Q dQ; the others are its
-    mean over the normals that the eye sees: sphere 2∫μ A(μ) dμ, cylinder ½∮cosψ A(cosψ sinθ_V) dψ, A the plane's.
-    """
-    if element == "plane":
-        return _plane_albedo(VIEWS, gamma, n, nu, angles)
-    nodes, weights = np.polynomial.legendre.leggauss(ELEMENT_NODES)
-    nodes, weights = (nodes + 1) / 2, weights / 2
-    if element == "sphere":
-        mean = 2.0 * np.sum(weights * nodes * _plane_albedo(np.arccos(nodes), gamma, n, nu, angles))
-        return np.full(VIEWS.size, mean)
-    turns = 0.5 * math.pi * nodes
-    cosines_seen = np.cos(VIEWS)[:, None] * np.cos(turns)
-    seen = _plane_albedo(np.arccos(cosines_seen).ravel(), gamma, n, nu, angles).reshape(cosines_seen.shape)
-    return seen @ (0.5 * math.pi * weights * np.cos(turns))
-
-
-def _plane_albedo(views: np.ndarray, gamma: float, n: float, nu: float, angles: int) -> np.ndarray:
-    """`interface_albedo` of a plane from angles of view against its normal [rad]: (views,)."""
-    Array3, Float64 = arrays().Array3f64, arrays().Float64
-    polars, weights = _facet_nodes(gamma, nu, angles)
-    turns = math.pi * (np.arange(2 * angles) + 0.5) / (2 * angles)  # one half of the turn: the other is alike
-    grid = (Float64(axis) for axis in (views, polars, turns))
-    view, polar, turn = dr.meshgrid(*grid, indexing="ij")
-    half, to_eye = Array3(*_direction(polar, turn)), Array3(*_direction(view, 0.0))
-    cos_eye = dr.dot(half, to_eye)
-    to_lamp = 2.0 * cos_eye * half - to_eye
-    width, index = dr.opaque(Float64, gamma), dr.opaque(Float64, n)  # literals would compile for every material
-    exponent = nu if is_gaussian(nu) else dr.opaque(Float64, nu)
-    f = weights_at(cosines(Array3(0, 0, 1), to_lamp, to_eye), 0.0, 1.0, width, index, exponent).interface
-    values = np.array(dr.select(cos_eye > 0, 4.0 * cos_eye * f * dr.sin(polar), 0.0)).reshape(views.size, angles, -1)
-    return values.sum(axis=2) @ weights * (math.pi / angles)
-
-
-def _facet_nodes(gamma: float, nu: float, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Gauss–Legendre nodes of the angle φ between normal and half vector [rad], and their weights, (count,) each.
-
-    Facets that are negligible are left out. With tails φ = w sinh τ, so that core and tails are resolved alike.
-    """
-    nodes, weights = np.polynomial.legendre.leggauss(count)
-    if is_gaussian(nu):
-        reach = min(math.pi / 2, gamma * math.sqrt(-math.log(NEGLIGIBLE) / LN2))
-        return reach * (nodes + 1) / 2, reach / 2 * weights
-    scale = tail_scale(gamma, nu)
-    span = math.asinh(min(math.pi / 2, tail_reach(scale, nu, 2, NEGLIGIBLE)) / scale)
-    places = span * (nodes + 1) / 2
-    return scale * np.sinh(places), span / 2 * scale * np.cosh(places) * weights
-
-
-def _direction(polar: Any, turn: Any) -> tuple[Any, Any, Any]:
-    return dr.sin(polar) * dr.cos(turn), dr.sin(polar) * dr.sin(turn), dr.cos(polar)
 
 
 def _largest(colour: Spectrum) -> float:

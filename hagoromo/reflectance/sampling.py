@@ -1,11 +1,13 @@
-"""Directions drawn in proportion to the reflectance of a plane, with their density (for `path`).
+"""Directions drawn in proportion to the reflectance of a plane, with their density.
 
-A mixture: with probability `share` a half vector by the density of facets D φ, else a cosine-weighted direction.
+A mixture: each lobe of the interface has a share of the samples, whose half vector is drawn by the density of facets
+D φ; the others are cosine-weighted directions. Mode path, the plugin of Mitsuba and `Reflectance.sample` draw by it.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import drjit as dr
 
@@ -14,6 +16,40 @@ from hagoromo.reflectance.facets import GAUSSIAN, facet_mass, squared_angle_of_m
 from hagoromo.reflectance.torrance_sparrow import cosines, facet_density
 
 HORIZON = 0.5 * math.pi
+LEAST_SHARE = 0.1  # of the samples, for the body and for the interface together, where a reflectance has both
+LobeShare = tuple[Float, Float, Float]  # share of the samples, γ [rad] and ν of a lobe
+
+
+def shares_of_lobes(sent: Sequence[float], body: float, both: bool) -> list[float]:
+    """Shares of the samples for lobes that send these albedos, beside that of the `body`, which gets what is left.
+
+    both: whether there is a body and an interface; each of them gets LEAST_SHARE at least.
+    """
+    interface = sum(sent)
+    share = interface / (interface + body) if interface + body > 0.0 else 0.0
+    if both:
+        share = min(max(share, LEAST_SHARE), 1.0 - LEAST_SHARE)
+    return [share * one / max(interface, 1e-30) for one in sent]
+
+
+def to_lamp_by_lobes(view: Array3f, lobes: Sequence[LobeShare], choice: Float, u: Float, v: Float) -> Array3f:
+    """`sample_to_lamp` by one lobe or another."""
+    share, gamma, nu = lobes[0]
+    for more, width, exponent in lobes[1:]:
+        beyond = choice >= share
+        gamma, share = dr.select(beyond, width, gamma), share + more
+        nu = nu if nu is exponent else dr.select(beyond, exponent, nu)
+    return sample_to_lamp(view, share, gamma, choice, u, v, nu)
+
+
+def density_of_lobes(to_lamp: Array3f, view: Array3f, lobes: Sequence[LobeShare]) -> Float:
+    """Density of the directions of `to_lamp_by_lobes` [1/sr]."""
+    kind = type(to_lamp.z)
+    left, total = kind(1), kind(0)
+    for share, gamma, nu in lobes:
+        total = dr.fma(share, density_to_lamp(to_lamp, view, 1.0, gamma, nu), total)
+        left = left - share
+    return dr.fma(dr.fmax(left, 0.0), dr.fmax(to_lamp.z, 0.0) / math.pi, total)
 
 
 def sample_to_lamp(
@@ -53,3 +89,18 @@ def _half_density(cos_half: Float, gamma: Float, nu: Float) -> Float:
     inside = facet_mass(HORIZON * HORIZON, gamma, nu)
     radial = 2.0 * tail_rise(1.0 / nu) / (gamma * gamma) * facet_density(cos_half, gamma, nu) / inside
     return dr.select(cos_half > 0.0, radial * polar / (2.0 * math.pi * dr.sin(polar)), 0.0)
+
+
+def frame_about(normal: Array3f) -> tuple[Array3f, Array3f, Array3f]:
+    """Two unit vectors across a unit `normal` and the normal itself (Duff et al. 2017)."""
+    kind = type(normal)
+    sign = dr.select(normal.z >= 0.0, 1.0, -1.0)
+    a = -dr.rcp(sign + normal.z)
+    b = normal.x * normal.y * a
+    one = kind(1.0 + sign * normal.x * normal.x * a, sign * b, -sign * normal.x)
+    return one, kind(b, sign + normal.y * normal.y * a, -normal.y), normal
+
+
+def local(frame: tuple[Array3f, Array3f, Array3f], vector: Array3f) -> Array3f:
+    """A vector in the axes of `frame`."""
+    return type(vector)(*(dr.dot(vector, axis) for axis in frame))

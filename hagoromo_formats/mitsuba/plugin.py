@@ -23,9 +23,8 @@ from hagoromo.reflectance.body import body_factor
 from hagoromo.reflectance.facets import GAUSSIAN
 from hagoromo.reflectance.material.material_table import reflectance_from_table
 from hagoromo.reflectance.reflectance import LARGEST_GAMMA, SMALLEST_GAMMA, Reflectance
-from hagoromo.reflectance.sampling import density_to_lamp, sample_to_lamp
+from hagoromo.reflectance.sampling import LobeShare, density_of_lobes, to_lamp_by_lobes
 from hagoromo.reflectance.torrance_sparrow import Weights, torrance_sparrow
-from hagoromo.transport.path.scatter import lobe_shares
 from hagoromo_formats.mitsuba.bsdf import NAME, NUMBERS, numbers_of
 from hagoromo_formats.mitsuba.colours import colour_of, variant
 
@@ -69,7 +68,7 @@ def _kind(name: str) -> Any:
             self.law = None if made.has_lambert_body else (mi.Float(made.epsilon), mi.Float(made.sigma))
             self.nu = GAUSSIAN if made.nu == GAUSSIAN else mi.Float(made.nu)
             self.lobes = [tuple(mi.Float(x) for x in lobe) for lobe in made.lobes]
-            self.shares = [mi.Float(share) for share in lobe_shares(made)]
+            self.shares = [mi.Float(share) for share in made.lobe_shares()]
             dr.make_opaque(self.numbers, self.law, self.lobes, self.shares)
             self.m_components = [flags.DiffuseReflection | sides, flags.GlossyReflection | sides]
             self.m_flags = self.m_components[0] | self.m_components[1]
@@ -82,14 +81,9 @@ def _kind(name: str) -> Any:
 
         def sample(self, ctx: Any, si: Any, sample1: Any, sample2: Any, active: Any = True) -> tuple[Any, Any]:
             view, sign = _seen(si.wi)
-            shares = self._shares(ctx)
-            gammas = [self._gamma(si, active), *(gamma for _, gamma in self.lobes)]
-            share, gamma, nu = shares[0], gammas[0], self.nu
-            for more, other in zip(shares[1:], gammas[1:], strict=True):
-                beyond = sample1 >= share
-                gamma, share = dr.select(beyond, other, gamma), share + more
-                nu = GAUSSIAN if self.nu is GAUSSIAN else dr.select(beyond, dr.inf, nu)
-            to_lamp = mi.Vector3f(sample_to_lamp(view, share, gamma, sample1, sample2.x, sample2.y, nu))
+            lobes = self._lobes(ctx, self._gamma(si, active))
+            to_lamp = mi.Vector3f(to_lamp_by_lobes(view, lobes, sample1, sample2.x, sample2.y))
+            share = sum((one for one, _, _ in lobes), mi.Float(0.0))
             drawn = mi.BSDFSample3f()
             drawn.wo = mi.Vector3f(to_lamp.x, to_lamp.y, to_lamp.z * sign)
             value, drawn.pdf = self.eval_pdf(ctx, si, drawn.wo, active)
@@ -116,7 +110,9 @@ def _kind(name: str) -> Any:
             for number, kind in enumerate((flags.DiffuseReflection, flags.GlossyReflection)):
                 if ctx.is_enabled(kind, number):
                     value += self.colours[number].eval(si, active) * weights[number]
-            return dr.select(good, value, 0.0), dr.select(good, self._density(ctx, to_lamp, view, gamma), 0.0)
+            return dr.select(good, value, 0.0), dr.select(
+                good, density_of_lobes(to_lamp, view, self._lobes(ctx, gamma)), 0.0
+            )
 
         def eval_diffuse_reflectance(self, si: Any, active: Any = True) -> Any:
             return self.colours[0].eval(si, active) * self.numbers["alpha"] * dr.pi
@@ -139,15 +135,10 @@ def _kind(name: str) -> Any:
                 return self.numbers["gamma"]
             return dr.clip(placed.eval_1(si, active), SMALLEST_GAMMA, LARGEST_GAMMA)
 
-        def _density(self, ctx: Any, to_lamp: Any, view: Any, first: Any) -> Any:
-            shares = self._shares(ctx)
-            gammas = [first, *(gamma for _, gamma in self.lobes)]
-            left = mi.Float(1.0) - sum(shares, mi.Float(0.0))
-            density = dr.fmax(left, 0.0) * dr.fmax(to_lamp.z, 0.0) / dr.pi
-            for number, (share, gamma) in enumerate(zip(shares, gammas, strict=True)):
-                nu = GAUSSIAN if number else self.nu
-                density += share * density_to_lamp(to_lamp, view, 1.0, gamma, nu)
-            return density
+        def _lobes(self, ctx: Any, first: Any) -> list[LobeShare]:
+            """Share of the samples, γ and ν of each lobe; first: γ of the first one."""
+            shapes = [(first, self.nu), *((gamma, GAUSSIAN) for _, gamma in self.lobes)]
+            return [(share, gamma, nu) for share, (gamma, nu) in zip(self._shares(ctx), shapes, strict=True)]
 
         def _weights(self, to_lamp: Any, view: Any, beta: Any, gamma: Any) -> Weights:
             alpha, n = self.numbers["alpha"], self.numbers["n"]

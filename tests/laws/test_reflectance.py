@@ -13,7 +13,8 @@ from hagoromo.backend import arrays
 from hagoromo.errors import InputError
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.element import element_weights, sphere_facets, sphere_table
-from hagoromo.reflectance.reflectance import VIEWS, Reflectance, interface_albedo
+from hagoromo.reflectance.interface_albedo import VIEWS, interface_albedo
+from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.reflectance.sampling import density_to_lamp, sample_to_lamp
 from hagoromo.reflectance.torrance_sparrow import fresnel, squared_angle, torrance_sparrow
 from tests.judges import sampler_follows_density

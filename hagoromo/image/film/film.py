@@ -27,8 +27,9 @@ from hagoromo.files.whole import replaceable_file, tidied, whole_file, write_byt
 from hagoromo.image.film.motion import Tables, read_motion, turned
 from hagoromo.image.film.sheet import SHEET_FRAMES, STRIP_FRAMES, chosen, sheet, strip
 from hagoromo.image.image import Image, auto_exposure
+from hagoromo.image.modes import MODES, Mode
 from hagoromo.image.read_once import read_once
-from hagoromo.image.render import MODES, SceneCache, check_mode, picture_of_mode
+from hagoromo.image.render import SceneCache, check_mode, picture_of_mode
 from hagoromo.image.scene import Scene
 from hagoromo.image.scene_file import camera_and_settings, scene_from_tables
 from hagoromo.image.settings import Settings
@@ -61,7 +62,7 @@ class FilmOrder:
     turn: Turn | None
     count: int
     rate: float
-    mode: str = "march"
+    mode: Mode = "march"
 
     @property
     def fingerprint(self) -> str:
@@ -89,7 +90,7 @@ def film(
     settings: Settings | None = None,
     turn: Turn | None = None,
     *,
-    mode: str = "march",
+    mode: Mode = "march",
     rate: float | None = None,
     scheduler: str | int | None = None,
     force: bool = False,
@@ -126,7 +127,7 @@ def film(
 
 
 def _ordered(
-    path: Path, settings: Settings | None, turn: Turn | None, rate: float | None, mode: str = "march"
+    path: Path, settings: Settings | None, turn: Turn | None, rate: float | None, mode: Mode = "march"
 ) -> FilmOrder:
     if mode not in MODES:
         raise InputError(f"mode is {mode!r}: give one of {', '.join(MODES)}")

@@ -13,7 +13,7 @@ from hagoromo.measurement.normals.photometric_model import Fit
 from hagoromo.measurement.normals.shading import N
 from hagoromo.measurement.normals.views import Array
 from hagoromo.measurement.robust_fit import GAMMA_RANGE
-from hagoromo.reflectance.reflectance import interface_albedo
+from hagoromo.reflectance.interface_albedo import interface_albedo
 
 OPEN_STRENGTH = 1.0  # standard error of ln β from which the strength of a lobe is called open: a factor of 7
 Lobe = tuple[float, float]  # β and γ, or the standard errors of their logarithms

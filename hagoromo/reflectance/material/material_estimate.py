@@ -13,6 +13,7 @@ from hagoromo.camera.response import Response, camera_white, response_matrix
 from hagoromo.errors import InputError
 from hagoromo.light.spectrum import Spectrum, smooth_rgb_basis
 from hagoromo.reflectance.body import diffuse_albedo_ratio
+from hagoromo.reflectance.element import Element
 from hagoromo.reflectance.material.material_html import decimals, materials_html
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.reflectance.spectra.reflectance_prior import ReflectancePrior
@@ -56,7 +57,7 @@ class MaterialEstimate:
     correlation: tuple[tuple[float | None, ...], ...]
     identifiable: Mapping[str, bool]
     chi_square: float
-    element: str = "plane"
+    element: Element = "plane"
     remarks: tuple[str, ...] = field(default=())
     lack_of_fit: Mapping[str, Any] | None = None
     texture: Mapping[str, Any] | None = None
@@ -85,7 +86,7 @@ class MaterialEstimate:
         )
 
     def reflectance(
-        self, response: Response | None = None, lamp_spectrum: Spectrum | None = None, element: str | None = None
+        self, response: Response | None = None, lamp_spectrum: Spectrum | None = None, element: Element | None = None
     ) -> Reflectance:
         """The reflectance whose smooth spectra give the colours of body and interface in this camera under this lamp.
 

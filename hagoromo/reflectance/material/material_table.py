@@ -36,7 +36,7 @@ PARTS = like(optional("MaterialParts", ReflectanceRecord))  # a table that overr
 
 
 def reflectance_from_table(
-    record: dict[str, Any], folder: Path | None, where: str, element: str = "plane"
+    record: dict[str, Any], folder: Path | None, where: str, element: Element = "plane"
 ) -> Reflectance:
     """A reflectance by its parameters, or a measured one: `{file = "materials.json", material = "silk"}`.
 

@@ -207,7 +207,7 @@ def _misfit(off: Array, covariance: Array) -> float:
     return float(off @ np.linalg.solve(covariance, off))
 
 
-class _Posterior(NamedTuple):
+class _PriorPosterior(NamedTuple):
     """Of a spectrum under one prior: evidence, mean (n,), covariance (n, n), and χ² from its nearest part."""
 
     log_evidence: float
@@ -216,7 +216,7 @@ class _Posterior(NamedTuple):
     chi_square: float
 
 
-class Parts(NamedTuple):
+class PriorParts(NamedTuple):
     """The parts of a prior as the readings see them, each as bright as readings of mean 1.
 
     scale: (p,). centres: (p, n). expected: readings of the centres (p, m). gain: K Aᵀ (p, n, m), brightness free.
@@ -228,7 +228,7 @@ class Parts(NamedTuple):
     gain: Array
 
 
-def read_parts(prior: ReflectancePrior, matrix: Array) -> Parts:
+def read_parts(prior: ReflectancePrior, matrix: Array) -> PriorParts:
     """The parts of `prior` through the `matrix` (m, n) of the readings."""
     scale = 1.0 / (prior.centres @ matrix.T).mean(axis=1)
     centres = prior.centres * scale[:, None]
@@ -236,10 +236,10 @@ def read_parts(prior: ReflectancePrior, matrix: Array) -> Parts:
     # Wiener: K Aᵀ, with the brightness free along each centre
     gain = scale[:, None, None] ** 2 * (prior.covariances @ matrix.T)
     gain += BRIGHTNESS**2 * centres[:, :, None] * expected[:, None, :]
-    return Parts(scale, centres, expected, gain)
+    return PriorParts(scale, centres, expected, gain)
 
 
-def _posterior(prior: ReflectancePrior, matrix: Array, values: Array, covariance: Array) -> _Posterior:
+def _posterior(prior: ReflectancePrior, matrix: Array, values: Array, covariance: Array) -> _PriorPosterior:
     """The spectrum under one prior; `values` have mean 1."""
     scale, centres, expected, gain = read_parts(prior, matrix)
     total = matrix @ gain + covariance  # A K Aᵀ + noise
@@ -255,7 +255,7 @@ def _posterior(prior: ReflectancePrior, matrix: Array, values: Array, covariance
     before += BRIGHTNESS**2 * centres[:, :, None] * centres[:, None, :]
     after = before - gain @ inverse[likely] @ gain.transpose(0, 2, 1)
     mean, spread = _mixture(weight, centres + np.einsum("pna,pa->pn", gain, solved[likely]), after)
-    return _Posterior(evidence, mean, spread, float(square.min()))
+    return _PriorPosterior(evidence, mean, spread, float(square.min()))
 
 
 def _mixture(weight: Array, means: Array, covariances: Array) -> tuple[Array, Array]:

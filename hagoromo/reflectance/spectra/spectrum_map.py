@@ -139,7 +139,7 @@ class _Cells(NamedTuple):
     covariance: Callable[[NDArray[np.int64]], Array]
 
 
-class _Tables(NamedTuple):
+class _CellTables(NamedTuple):
     """What cells of one noise share, per part of the mixture (p).
 
     log: (features, p) of ln w. square: (features, p) of χ². inverse: (p, m, m) of the covariance of the readings.
@@ -149,9 +149,9 @@ class _Tables(NamedTuple):
     square: Array
     inverse: Array
 
-    def some(self, parts: NDArray[np.int64]) -> _Tables:
+    def some(self, parts: NDArray[np.int64]) -> _CellTables:
         """Those of these parts only."""
-        return _Tables(self.log[:, parts], self.square[:, parts], self.inverse[parts])
+        return _CellTables(self.log[:, parts], self.square[:, parts], self.inverse[parts])
 
 
 class _Mixture(NamedTuple):
@@ -187,7 +187,7 @@ class _Mixture(NamedTuple):
         """The mixture of these parts only."""
         return _Mixture(**{name: field[parts] for name, field in self._asdict().items()})
 
-    def tables(self, matrix: Array, variance: Array) -> _Tables:
+    def tables(self, matrix: Array, variance: Array) -> _CellTables:
         """What pixels share whose readings, of mean 1, have the `variance` (m,)."""
         total = matrix @ self.gain + np.diag(variance)
         inverse = np.linalg.inv(total)
@@ -198,10 +198,10 @@ class _Mixture(NamedTuple):
         square = np.vstack([twice[:, None] * inverse[:, rows, columns].T, -2.0 * linear.T, constant])
         log = -0.5 * square
         log[-1] += self.log_weights - 0.5 * np.linalg.slogdet(total)[1]
-        return _Tables(log, square, inverse)
+        return _CellTables(log, square, inverse)
 
 
-def _active(tables: _Tables, shape: Array) -> NDArray[np.int64]:
+def _active(tables: _CellTables, shape: Array) -> NDArray[np.int64]:
     """The parts of the mixture that cells of like colour need."""
     logs = _features(shape) @ tables.log
     return np.flatnonzero((logs > logs.max(axis=1, keepdims=True) + np.log(LIGHTEST)).any(axis=0))
@@ -234,7 +234,9 @@ def _estimate_cells(mixture: _Mixture, matrix: Array, shape: Array, variance: Ar
     return found
 
 
-def _estimate_block(mixture: _Mixture, active: NDArray[np.int64], tables: _Tables, shape: Array, found: _Cells) -> None:
+def _estimate_block(
+    mixture: _Mixture, active: NDArray[np.int64], tables: _CellTables, shape: Array, found: _Cells
+) -> None:
     """Estimate cells of like colour and noise by the `active` parts, of these `tables`, and write them to `found`."""
     centres, expected, prior_gain, owner = (
         part[active] for part in (mixture.centres, mixture.expected, mixture.gain, mixture.owner)

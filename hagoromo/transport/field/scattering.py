@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 from hagoromo.backend import Array3f, Float, UInt, arrays, clip, lookup
 from hagoromo.reflectance.element import element_weights, projected_area, sphere_body, sphere_table
 from hagoromo.reflectance.facets import GAUSSIAN, is_gaussian
-from hagoromo.reflectance.reflectance import VIEWS, Reflectance, interface_albedo
+from hagoromo.reflectance.interface_albedo import VIEWS, interface_albedo
+from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.reflectance.torrance_sparrow import cos_deviation, fresnel
 from hagoromo.reflectance.transmission import around_fibre, clear_lobes, facing, far_body, lobe_widths, table_from
 from hagoromo.transport.field.second_order import MEAN, SecondOrder, outer
@@ -39,7 +40,7 @@ LEAST_LOBE = 0.2  # [rad] as LEAST_GAMMA, of lobes of transmitted light
 LEAST_GAMMA = 0.2  # [rad] narrower facets are widened, and keep their albedo: smooth light does not tell them apart
 
 
-class Scattering:
+class ScatteringTables:
     """Tables of all materials, in the order of their numbers."""
 
     def __init__(self, reflectances: Sequence[Reflectance], gamma_rows: GammaRows | None = None) -> None:

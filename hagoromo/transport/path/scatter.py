@@ -20,14 +20,20 @@ from hagoromo.backend import Array3f, Bool, Float, UInt, arrays, clip, lookup
 from hagoromo.reflectance.body import body_factor
 from hagoromo.reflectance.element import ELEMENTS
 from hagoromo.reflectance.facets import GAUSSIAN
-from hagoromo.reflectance.reflectance import Reflectance, interface_albedo
-from hagoromo.reflectance.sampling import density_to_lamp, sample_to_lamp
+from hagoromo.reflectance.reflectance import Reflectance
+from hagoromo.reflectance.sampling import (
+    LEAST_SHARE,
+    LobeShare,
+    density_of_lobes,
+    frame_about,
+    local,
+    to_lamp_by_lobes,
+)
 from hagoromo.reflectance.torrance_sparrow import Weights, torrance_sparrow
 from hagoromo.reflectance.transmission import AllWeights, along_fibre, longer_way, passed_at, turned_by
 from hagoromo.transport.gamma_rows import GammaRows
 from hagoromo.transport.materials import Materials
 
-LEAST_SHARE = 0.1  # of the samples, for the body and for the interface together, where a reflectance has both
 STRAIGHT = 0.8  # share of the samples of clear light that go straight through
 
 
@@ -141,7 +147,7 @@ class Scattering:
         normal, seen = self.visible_normal(material, axis, to_eye, *numbers[:2])
         frame = frame_about(normal)
         view = local(frame, to_eye)
-        to_lamp = self._to_lamp(material, view, numbers[2:], gamma)
+        to_lamp = to_lamp_by_lobes(view, self._shares(material, gamma), *numbers[2:])
         density = self.density(material, to_lamp, view, gamma)
         whole = self.plane(material, to_lamp, view, gamma)
         good = seen & (density > 0.0) & (to_lamp.z > 0.0)
@@ -168,12 +174,7 @@ class Scattering:
 
     def density(self, material: UInt, to_lamp: Array3f, view: Array3f, gamma: Float | None = None) -> Float:
         """Probability density of a direction for one normal, +z of the local axes [1/sr]."""
-        left, total = arrays().Float(1), arrays().Float(0)
-        for k in range(self.lobes):
-            share, _, width = self._lobe(material, k, gamma)
-            total = dr.fma(share, density_to_lamp(to_lamp, view, 1.0, width, self._nu(material, k)), total)
-            left = left - share
-        return dr.fma(dr.fmax(left, 0.0), dr.fmax(to_lamp.z, 0.0) / math.pi, total)
+        return density_of_lobes(to_lamp, view, self._shares(material, gamma))
 
     def plane(self, material: UInt, to_lamp: Array3f, view: Array3f, gamma: Float | None = None) -> Weights:
         """f of the plane with normal +z: its body and its interface weight, of all lobes [1/sr]."""
@@ -188,16 +189,10 @@ class Scattering:
             body = body * body_factor(to_lamp.z, view.z, dr.dot(to_lamp, view), *self.materials.body_law(material))
         return Weights(body, interface)
 
-    def _to_lamp(self, material: UInt, view: Array3f, numbers: Sequence[Float], gamma: Float | None) -> Array3f:
-        choice, u, v = numbers
-        share, _, width = self._lobe(material, 0, gamma)
-        nu = self._nu(material, 0)
-        for k in range(1, self.lobes):
-            more, _, own = self._lobe(material, k, gamma)
-            beyond = choice >= share
-            width, share = dr.select(beyond, own, width), share + more
-            nu = dr.select(beyond, dr.inf, nu) if self.materials.have_tails else nu
-        return sample_to_lamp(view, share, width, choice, u, v, nu)
+    def _shares(self, material: UInt, gamma: Float | None) -> list[LobeShare]:
+        """Share of the samples, γ and ν of each lobe."""
+        lobes = ((self._lobe(material, k, gamma), self._nu(material, k)) for k in range(self.lobes))
+        return [(share, width, nu) for (share, _, width), nu in lobes]
 
     def _nu(self, material: UInt, lobe: int) -> Float:
         """Exponent of a lobe's tails; only the first has any."""
@@ -208,19 +203,8 @@ class Scattering:
 def _lobe_row(r: Reflectance, count: int) -> list[float]:
     """Share, β and γ of `count` lobes, the missing ones with β = 0."""
     lobes = [(r.beta, r.gamma), *r.lobes]
-    row = [[share, beta, g] for share, (beta, g) in zip(lobe_shares(r), lobes, strict=True)]
+    row = [[share, beta, g] for share, (beta, g) in zip(r.lobe_shares(), lobes, strict=True)]
     return [number for lobe in (row + [[0.0, 0.0, 1.0]] * count)[:count] for number in lobe]
-
-
-def lobe_shares(r: Reflectance) -> list[float]:
-    """Shares of the samples for the lobes of the interface, by their albedos; what is left is for the body."""
-    lobes = [(r.beta, r.gamma, r.nu), *((beta, gamma, GAUSSIAN) for beta, gamma in r.lobes)]
-    sent = [beta * float(np.median(interface_albedo(float(g), float(r.n), float(nu)))) for beta, g, nu in lobes]
-    interface, body = sum(sent), r.body_albedo
-    share = interface / (interface + body) if interface + body > 0.0 else 0.0
-    if r.alpha > 0.0 and r.beta > 0.0:
-        share = min(max(share, LEAST_SHARE), 1.0 - LEAST_SHARE)
-    return [share * one / max(interface, 1e-30) for one in sent]
 
 
 def _passed_shares(r: Reflectance) -> list[float]:
@@ -249,18 +233,3 @@ def _sphere_normal(to_eye: Array3f, u: Float, v: Float) -> Array3f:
     sine, cosine = dr.sincos(2.0 * math.pi * v)
     radius = dr.sqrt(u)
     return dr.normalize(radius * cosine * x + radius * sine * y + dr.sqrt(dr.fmax(1.0 - u, 0.0)) * z)
-
-
-def frame_about(normal: Array3f) -> tuple[Array3f, Array3f, Array3f]:
-    """Two unit vectors across a unit `normal` and the normal itself (Duff et al. 2017)."""
-    kind = type(normal)
-    sign = dr.select(normal.z >= 0.0, 1.0, -1.0)
-    a = -dr.rcp(sign + normal.z)
-    b = normal.x * normal.y * a
-    one = kind(1.0 + sign * normal.x * normal.x * a, sign * b, -sign * normal.x)
-    return one, kind(b, sign + normal.y * normal.y * a, -normal.y), normal
-
-
-def local(frame: tuple[Array3f, Array3f, Array3f], vector: Array3f) -> Array3f:
-    """A vector in the axes of `frame`."""
-    return type(vector)(*(dr.dot(vector, axis) for axis in frame))
