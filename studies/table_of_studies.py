@@ -98,6 +98,12 @@ STUDIES: dict[str, Study] = {
         (_module("first_order", "--out", "out/first_order", "--force"),),
         _page("first_order", "*.png"),
     ),
+    "noise": Study(
+        "how often pictures of mode path keep the error that they are asked for, and what it costs: docs/noise.md",
+        "an hour",
+        (_module("walk_noise", RECIPES, "--out", "out/noise", "--force"),),
+        _page("noise"),
+    ),
     "orders": Study(
         "recipes by modes march, full and path, side by side: docs/orders.md",
         "minutes",

@@ -31,8 +31,9 @@ class Settings:
 
     Of modes path and full: orders are those of light at most, 1 being light that is scattered once; None: all of them.
     Of mode path: error is where to stop, the noise of Y, root mean square over its mean where there is matter, which 19
-    of 20 pictures are below; tiles with more noise get more walks. seconds is for how long to go on, about: how many
-    walks those are differs from run to run. With either, `samples` is the least number of walks a pixel.
+    of 20 pictures are below; pixels with more noise around them get more walks. seconds is for how long to go on,
+    about: how many walks those are differs from run to run. With either, `samples` is the least number of walks a
+    pixel.
 
     >>> hg.Settings(samples=16, tolerance=0.02).shadows
     'map'

@@ -12,7 +12,7 @@ import numpy as np
 from hagoromo.errors import InputError
 from hagoromo.files.finite import finite_json
 from hagoromo.image.image import Image
-from hagoromo.image.walk_sums import BEYOND, MOST_WALKS, OLD_SQUARE, OLD_WALKS, SQUARE, WALKS, WANTED, WalkSums
+from hagoromo.image.walk_sums import BEYOND, MOST_WALKS, SQUARE, WALKS, WANTED, WalkSums
 
 STOPS = ("samples", "error", "seconds")  # settings that say when to stop: others may be given when a run goes on
 
@@ -51,10 +51,10 @@ def sums_of(image: Image, record: Mapping[str, Any], sums: Sequence[WalkSums]) -
         raise InputError("the unfinished picture has other weights than this scene: render without resume")
     for table, own in zip(image.sums.reshape(len(sums), image.alpha.size, -1), sums, strict=True):
         kept = table[:, : own.table.shape[1]]
-        counts = kept[:, [WALKS, WANTED, OLD_WALKS]]
+        counts = kept[:, [WALKS, WANTED]]
         if not (np.isfinite(kept).all() and ((counts >= 0) & (counts <= MOST_WALKS) & (counts % 1 == 0)).all()):
             raise InputError("the sums of the unfinished picture are damaged: render without resume")
-        if (kept[:, [SQUARE, OLD_SQUARE]] < 0).any() or kept.shape[1] < BEYOND:
+        if (kept[:, SQUARE] < 0).any() or kept.shape[1] < BEYOND:
             raise InputError("the sums of the unfinished picture are damaged: render without resume")
         own.table[:] = kept
 

@@ -1,8 +1,8 @@
 """Sums over walks: the mean of every pixel, its noise, and how many walks it takes to make that as small as asked.
 
-Matter may be in a pixel that the walks so far have missed: pixels beside others that show matter get walks, too, and
-have their part in the error. Walks that chose when to stop do not say how large the error is: it is estimated from the
-walks since the last choice.
+A pixel gets walks by the noise of the pixels around it, not by its own: so means have no bias, and neither has the
+noise, at the moment when it ends the walks, too. Matter may be in a pixel that all walks so far have missed: it has its
+part in the error.
 
 All numbers of a pixel are one row of one table, which is written at once: an interrupt between two launches, or in one,
 finds whole rows. They have the same bits however the walks are launched, see `Walked`.
@@ -16,7 +16,7 @@ from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter, uniform_filter
+from scipy.ndimage import uniform_filter
 
 from hagoromo.camera.response import Response, response_matrix
 from hagoromo.errors import InputError
@@ -28,15 +28,13 @@ from hagoromo.transport.palette import Palette
 
 FIRST_WALKS = 16  # a pixel, from which the error is estimated first
 MOST_WALKS = 1 << 20  # a pixel
-TILE = 16  # px a side of the tiles that get walks by their noise
-SURE = 1.65  # standard errors of the mean square that are added to it: in 95 of 100 pictures it is less
-BESIDE = 5  # px, side of the square around a pixel that shows matter in which others may show some
-GROWTH = 1.25  # least factor by which walks grow at a time, so that the new ones tell the error
-LEAST_NEW = 8  # new walks of a pixel that tell its variance; of fewer all its walks do
-# columns of the table behind the weights: coverage, square of Y, walks, walks that are wanted; and the sum of Y, that
-# of its square and the walks at the last choice
-BEYOND = 7
-COVERED, SQUARE, WALKS, WANTED, OLD_Y, OLD_SQUARE, OLD_WALKS = range(-BEYOND, 0)
+SURE = 2.0  # standard errors of the mean square that are added to it: in 98 of 100 pictures it is less
+UNMET = 3  # pixels whose matter no walk has met, for each whose matter one walk has met
+NEAR, WIDE = 3, 17  # px a side of the squares around a pixel by whose noise it gets walks
+WIDE_SHARE = 0.1  # of the wide square in that noise
+LEAST_NOISE = 1.0 / 32.0  # of that of all matter together: walks of what shows none are as for this
+BEYOND = 4  # columns of the table behind the weights: coverage, square of Y, walks, walks that are wanted
+COVERED, SQUARE, WALKS, WANTED = range(-BEYOND, 0)
 
 
 class WalkSums:
@@ -56,10 +54,7 @@ class WalkSums:
         return self.table[:, WALKS]
 
     def want(self, walks: NDArray[np.float64] | float) -> None:
-        """Ask for a number of walks of each pixel; from here on walks are new."""
-        more = self.walks < walks
-        old = np.stack([self._y(), self.table[:, SQUARE], self.walks], axis=1)
-        self.table[more, OLD_Y:] = old[more]
+        """Ask for a number of walks of each pixel."""
         self.table[:, WANTED] = walks
 
     def launches(self, at_once: int) -> Iterator[tuple[NDArray[np.int64], int]]:
@@ -92,78 +87,62 @@ class WalkSums:
         return (self.spread() / self.walks).astype(np.float32).reshape(self.size)
 
     def spread(self) -> NDArray[np.float64]:
-        """Variance of Y of one walk through each pixel, by all its walks: (pixels,)."""
-        return _variance(self._y(), self.table[:, SQUARE], self.walks)
-
-    def new_spread(self) -> NDArray[np.float64]:
-        """The same by its new walks alone, where they are enough: (pixels,)."""
-        new = self.walks - self.table[:, OLD_WALKS]
-        own = _variance(self._y() - self.table[:, OLD_Y], self.table[:, SQUARE] - self.table[:, OLD_SQUARE], new)
-        return np.where(new >= LEAST_NEW, own, self.spread())
+        """Variance of Y of one walk through each pixel: (pixels,)."""
+        walks = np.maximum(self.walks, 2.0)
+        mean = self.brightness()
+        return np.maximum(self.table[:, SQUARE] / walks - mean * mean, 0.0) * (walks / (walks - 1.0))
 
     def brightness(self) -> NDArray[np.float64]:
         """Y of each pixel."""
-        return self._y() / np.maximum(self.walks, 1.0)
-
-    def _y(self) -> NDArray[np.float64]:
-        return self.table[:, :COVERED] @ self.luminance
+        return self.table[:, :COVERED] @ self.luminance / np.maximum(self.walks, 1.0)
 
     def seen(self) -> NDArray[np.bool_]:
         """Which pixels show matter."""
         return self.table[:, COVERED] > 0.0
 
-    def beside(self) -> NDArray[np.bool_]:
-        """Which pixels show matter or may show some: those in a square of BESIDE around one that does."""
-        near = maximum_filter(self.seen().reshape(self.size), BESIDE)
-        return np.asarray(near > 0, np.bool_).ravel()
-
-    def matter(self) -> float:
-        """About how many pixels show matter, also those that all walks have missed: of pixels that one walk
-        found, and that two found, follows how many none did.
-        """
-        seen, hits = self.seen(), self.table[:, COVERED]
-        one, two = float((hits == 1.0).sum()), float((hits == 2.0).sum())
-        return min(float(seen.sum()) + one * (one - 1.0) / (2.0 * (two + 1.0)), float(self.beside().sum()))
-
     def error(self) -> float:
-        """Noise of Y: root mean square over the mean, of the pixels that show matter, which it is below in about 95 of
-        100 pictures; 0 where none does.
+        """Noise of Y: root mean square over the mean, of the pixels that show matter, which it is below in more than 95
+        of 100 pictures; 0 where none does.
 
-        The square of the noise of P pixels is the mean of their variances v to √(2 Σ v²) / P, and the mean itself is
-        known to √(Σ v²) / P. A pixel that found a rare bright light makes Σ v² large: it counts with its doubt.
+        The square of the noise of P pixels is the mean of their variances v to √(2 Σ v²) / P. A pixel that found a rare
+        bright light makes Σ v² large: it counts with its doubt. Pixels whose matter no walk has met have a variance,
+        too: it is in those of pixels like them, that one walk has met, as all of these get as many walks.
         """
-        beside = self.beside()
-        total, count = float(self.brightness()[beside].sum()), self.matter()
-        if not total > 0.0:
+        seen = self.seen()
+        light = float(self.brightness()[seen].sum())
+        if not light > 0.0:
             return 0.0
-        each = (self.new_spread() / np.maximum(self.walks, 1.0))[beside]
-        doubt = SURE * math.sqrt(3.0 * float(np.square(each).sum()))
-        return math.sqrt(count * (float(each.sum()) + doubt)) / total
+        each = (self.spread() / np.maximum(self.walks, 1.0))[seen]
+        doubt = SURE * math.sqrt(2.0 * float(np.square(each).sum()))
+        return math.sqrt((float(each.sum()) + doubt) * self.pixels_with_matter()) / light
+
+    def pixels_with_matter(self) -> float:
+        """About how many pixels show matter: those where walks met it, and UNMET more for each of one such walk."""
+        met = self.table[:, COVERED]
+        return float(np.count_nonzero(met) + UNMET * np.count_nonzero(met == 1.0))
 
     def walks_for(self, error: float) -> NDArray[np.float64]:
         """About how many walks of each pixel make the noise `error` with the fewest in all: (pixels,).
 
-        Each tile gets walks in proportion to the root of its variance, and of that of the tiles around it.
+        A pixel gets them in proportion to the root of the variance of those around it. Its own is hardly in that: a
+        pixel that gets more walks because it found light, and fewer because it found none, is too dark in the mean.
         """
-        beside = self.beside()
-        spread = np.where(beside, self.spread(), 0.0)
-        now = max(self.error(), 1e-30)
-        tile = self._tiles()
-        sums = [np.bincount(tile.ravel(), weights=values, minlength=tile.max() + 1) for values in (spread, beside)]
-        shape = tile[-1, -1] // self._across() + 1, self._across()
-        sums = [uniform_filter(values.reshape(shape), 3, mode="constant") + values.reshape(shape) for values in sums]
-        root = np.sqrt(sums[0] / np.maximum(sums[1], 1e-30)).ravel()[tile.ravel()]
-        mean_square = (np.square(root) / np.maximum(self.walks, 1.0))[beside].mean()
-        allowed = mean_square * (error / now) ** 2  # `error` has doubts in it that fall alike
-        return np.where(beside, root * root[beside].mean() / max(allowed, 1e-300), 0.0)
+        spread = np.where(self.seen(), self.spread(), 0.0)
+        root = np.sqrt(np.maximum(self._around(spread), LEAST_NOISE**2 * spread[self.seen()].mean()))
+        now = float((spread / np.maximum(self.walks, 1.0)).sum())
+        allowed = now * (error / max(self.error(), 1e-30)) ** 2  # `error` has doubts in it that fall alike
+        return root * (float((spread / root).sum()) / max(allowed, 1e-300))
 
-    def _across(self) -> int:
-        return -(-self.size[1] // TILE)
+    def _around(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Mean of the eight pixels next to each one, and a share of that of a wide square with it: (pixels,)."""
+        values, ones = values.reshape(self.size), np.ones(self.size)
 
-    def _tiles(self) -> NDArray[np.int64]:
-        """The number of the tile of each pixel (height, width)."""
-        rows, columns = (np.arange(n) // TILE for n in self.size)
-        return rows[:, None] * self._across() + columns
+        def square(of: NDArray[np.float64], side: int) -> NDArray[np.float64]:
+            return uniform_filter(of, side, mode="constant") * side**2
+
+        near = (square(values, NEAR) - values) / np.maximum(square(ones, NEAR) - ones, 1.0)
+        wide = square(values, WIDE) / square(ones, WIDE)
+        return np.maximum((1.0 - WIDE_SHARE) * near + WIDE_SHARE * wide, 0.0).ravel()
 
 
 class Stop:
@@ -221,11 +200,8 @@ class Stop:
                 f"an error of {error:g} takes about {mean:.2g} walks a pixel, and {MOST_WALKS} are the most: after "
                 f"{sums.walks.mean():.0f} it is {now:.2g}; give a larger error, or a time"
             )
-        # those that lack next to none, too: to stop where little light was seen is to keep the
-        # pixels whose walks missed it as they are
-        lacking = wanted > 0.99 * sums.walks
-        lacking = lacking if lacking.any() else wanted > 0.0
-        return np.where(lacking, np.maximum(wanted, GROWTH * sums.walks), 0.0)
+        # a step at least, where rounding wants none
+        return wanted if (wanted > sums.walks).any() else np.where(wanted > 0.0, sums.walks * 1.1, 0.0)
 
     def progress(self, sums: WalkSums) -> float:
         """Share that is done, 0…1."""
@@ -237,10 +213,3 @@ def luminance(palette: Palette, white: Spectrum) -> NDArray[np.float64]:
     observer = Response.load("cie1931")
     scale = response_matrix([Spectrum.constant(1.0)], white, observer)[1, 0]
     return np.concatenate([response_matrix(palette.colours, lamp, observer)[1] for lamp in palette.lamps]) / scale
-
-
-def _variance(y: NDArray[np.float64], square: NDArray[np.float64], walks: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Variance of one walk, without bias, from the sums over `walks` of Y and its square; each (pixels,)."""
-    walks = np.maximum(walks, 2.0)
-    mean = y / walks
-    return np.maximum(square / walks - mean * mean, 0.0) * (walks / (walks - 1.0))

@@ -1,6 +1,7 @@
 """Sums over walks: their noise is what is promised, also where few walks bring most of the light."""
 
 import math
+from functools import cache
 
 import numpy as np
 import pytest
@@ -9,12 +10,15 @@ import hagoromo as hg
 from hagoromo.backend import name
 from hagoromo.image.settings import Settings
 from hagoromo.image.sums_channels import channels_of_sums, sums_of_channels
-from hagoromo.image.walk_sums import COVERED, TILE, Stop, WalkSums
+from hagoromo.image.walk_sums import COVERED, Stop, WalkSums
 from hagoromo.image.walked import Walked
 from hagoromo.transport.palette import Palette
 
 WHITE = hg.Spectrum.constant(1.0)
-SIDE = 40  # px; more than two tiles, the last ones cut off
+SIDE = 40  # px
+DARK = 16  # px a side of a dark corner
+FINE = 12  # places a side of a pixel at which its coverage is looked up
+SUN = np.array([0.6, -0.8])
 
 
 def sums_of_picture():
@@ -22,94 +26,106 @@ def sums_of_picture():
     return WalkSums(SIDE, SIDE, palette, WHITE)
 
 
-def even(random, mean, count):
-    return mean[:, None] * random.exponential(size=(len(mean), count))
+def add(sums, pixels, count, values, met):
+    """Add `count` walks of each of some pixels: what each brought, and whether it met matter; pixel by pixel."""
+    drawn = np.stack([values, met], axis=-1).astype(np.float32).reshape(len(pixels), count, 2)
+    sums.add(pixels, Walked.of(drawn), count)
 
 
-def wide(random, mean, count):
+def ramp():
+    """From dark on one side to bright on the other, with a darker corner: what every walk brings in the mean."""
+    mean = np.linspace(0.2, 1.8, SIDE**2).reshape(SIDE, SIDE).T.copy()
+    mean[:DARK, :DARK] *= 0.01
+    return np.ones(SIDE**2), mean.ravel()
+
+
+@cache
+def granules(largest=1.6):
+    """Small balls, bright where they face the sun: many pixels have little of one. Coverage, and brightness there."""
+    random, step = np.random.default_rng(12), (np.arange(SIDE * FINE) + 0.5) / FINE
+    covered, bright = np.zeros((2, step.size, step.size))
+    for _ in range(90):
+        middle, radius = random.uniform(2.0, SIDE - 2.0, 2), random.uniform(0.3, largest)
+        y, x = (step - middle[0])[:, None] / radius, (step - middle[1])[None] / radius
+        here = x * x + y * y < 1.0
+        covered[here] = 1.0
+        bright[here] = np.maximum(0.02, SUN[0] * x + SUN[1] * y)[here]
+    covered, bright = (v.reshape(SIDE, FINE, SIDE, FINE).mean(axis=(1, 3)).ravel() for v in (covered, bright))
+    return covered, bright / np.maximum(covered, 1e-9)
+
+
+def dots():
+    """Balls smaller than a pixel: no pixel is covered whole."""
+    return granules(largest=0.45)
+
+
+def even(random, mean):
+    return mean * random.exponential(size=mean.size)
+
+
+def wide(random, mean):
     """Log-normal with a standard deviation of 2.5 times the mean."""
     sigma = math.sqrt(math.log(1.0 + 2.5**2))
-    return mean[:, None] * random.lognormal(-0.5 * sigma**2, sigma, (len(mean), count))
+    return mean * random.lognormal(-0.5 * sigma**2, sigma, mean.size)
 
 
-def fireflies(random, mean, count):
+def fireflies(random, mean):
     """Half of the light in one of 400 walks."""
-    bright = random.random((len(mean), count)) < 1.0 / 400.0
-    return mean[:, None] * (0.5 * random.exponential(size=bright.shape) + 200.0 * bright)
+    bright = random.random(mean.size) < 1.0 / 400.0
+    return mean * (0.5 * random.exponential(size=mean.size) + 200.0 * bright)
 
 
-def picture(draw, seed, error):
-    """A picture of a ramp with one dark tile by `draw`: its error, and walks a pixel on each side."""
-    random, sums = np.random.default_rng(seed), sums_of_picture()
-    truth = np.linspace(0.2, 1.8, SIDE**2).reshape(SIDE, SIDE).T
-    truth[:TILE, :TILE] *= 0.01
-    stop = Stop(Settings(error=error), 1.0)
+def picture(scene, draw, seed, error):
+    """A picture of a scene by `draw`: its error where there is matter and its light, over the true ones; its walks."""
+    random, sums, (covered, bright) = np.random.default_rng(seed), sums_of_picture(), scene()
+    stop, matter = Stop(Settings(error=error), 1.0), covered > 0.0
     while stop.goes_on(sums):
         for pixels, count in sums.launches(1 << 16):
-            values = draw(random, truth.ravel()[pixels], count)
-            sums.add(pixels, Walked.of(np.stack([values, np.ones_like(values)], axis=-1).astype(np.float32)), count)
-    seen = sums.mean()[0][..., 0]
-    off = np.sqrt(np.mean((seen - truth) ** 2)) / truth.mean()
-    return off, seen.mean() / truth.mean(), sums.walks.reshape(SIDE, SIDE)
+            each = np.repeat(pixels, count)
+            met = random.random(each.size) < covered[each]
+            values = met * draw(random, bright[each])
+            add(sums, pixels, count, values, met)
+    seen, true = sums.mean()[0].ravel()[matter], (covered * bright)[matter]
+    off = math.sqrt(np.mean((seen - true) ** 2)) / true.mean()
+    return off, seen.mean() / true.mean(), sums.walks.reshape(SIDE, SIDE)
 
 
-@pytest.mark.parametrize(("draw", "error"), [(even, 0.1), (wide, 0.1), (fireflies, 0.3)])
-def test_the_error_that_was_asked_for_is_met(draw, error):
-    """In 9 of 10 pictures at least; and walks are not wasted: the root mean square is above 70 % of it.
+@pytest.mark.parametrize(
+    ("scene", "draw", "error"),
+    [(ramp, even, 0.1), (ramp, wide, 0.1), (ramp, fireflies, 0.3), (granules, even, 0.25), (dots, even, 0.4)],
+)
+def test_the_error_that_was_asked_for_is_met(scene, draw, error):
+    """In 19 of 20 pictures at least; and walks are not wasted: the root mean square is above 70 % of it.
 
-    The mean of all pictures is the truth to three of its standard errors.
+    The mean of all pictures is the truth to three of its standard errors: where pixels got more walks because they had
+    found light, those of the granules were too dark by 20 of them.
     """
-    results = [picture(draw, seed, error) for seed in range(40)]
+    results = [picture(scene, draw, seed, error) for seed in range(40)]
     off, mean = (np.array([r[k] for r in results]) for k in (0, 1))
-    assert (off <= error).mean() >= 0.9
+    assert (off <= error).mean() >= 0.95
     assert math.sqrt(np.mean(off**2)) > 0.7 * error
     assert abs(mean.mean() - 1.0) < 3.0 * mean.std() / math.sqrt(len(mean))
 
 
-def outlines():
-    """Coverage of a disk with a soft rim, down to nothing."""
-    y, x = np.mgrid[:SIDE, :SIDE] - SIDE / 2 + 0.5
-    return np.clip(13.3 - np.hypot(x, y), 0.0, 1.0) ** 2
-
-
-def barbs():
-    """Coverage of thin threads, each with a faint edge that most walks miss."""
-    x = np.broadcast_to(np.arange(SIDE) % 5, (SIDE, SIDE))
-    cover = np.where(x < 1, 0.5, np.where(x < 2, 0.02, 0.0))
-    cover[:, :8] = cover[:5] = 0.0
-    return cover
-
-
-def rim_picture(cover, draw, seed, error):
-    """A picture of matter that walks hit by chance: its error where there is matter, and its mean over the truth."""
-    random, sums, chance = np.random.default_rng(seed), sums_of_picture(), cover.ravel()
-    stop = Stop(Settings(error=error), 1.0)
-    while stop.goes_on(sums):
-        for pixels, count in sums.launches(1 << 16):
-            hit = random.random((len(pixels), count)) < chance[pixels, None]
-            values = hit * draw(random, np.ones(len(pixels)), count)
-            sums.add(pixels, Walked.of(np.stack([values, hit], axis=-1).astype(np.float32)), count)
-    seen, matter = sums.mean()[0][..., 0].ravel(), chance > 0.0
-    off = np.sqrt(np.mean((seen - chance)[matter] ** 2)) / chance[matter].mean()
-    return off, seen[matter].mean() / chance[matter].mean()
-
-
-@pytest.mark.parametrize(("cover", "draw", "error"), [(outlines, even, 0.1), (barbs, even, 0.2), (barbs, wide, 0.3)])
-def test_the_error_is_met_where_first_walks_miss_the_matter(cover, draw, error):
-    """In 19 of 20 pictures: pixels that 16 walks have missed get walks, and a part of the error.
-
-    Of the sums of before, which left such pixels out, no picture of the barbs held, and their mean was 3 % low. Walks
-    by the noise that was found cost a bias of 0.2 % still; it is held below 1 %.
-    """
-    results = np.array([rim_picture(cover(), draw, seed, error) for seed in range(20)])
-    assert (results[:, 0] <= error).sum() >= 19
-    assert abs(results[:, 1].mean() - 1.0) < 0.01
-
-
 def test_walks_go_where_the_noise_is():
-    _, _, walks = picture(even, 3, 0.03)
-    dark, dull, bright = walks[:TILE, :TILE], walks[2 * TILE :, :TILE], walks[:, 2 * TILE :]
+    _, _, walks = picture(ramp, even, 3, 0.03)
+    dark, dull, bright = walks[2 : DARK - 2, 2 : DARK - 2], walks[DARK + 2 :, 2:DARK], walks[:, -DARK:]
     assert dark.mean() < 0.7 * dull.mean() and dull.mean() < 0.7 * bright.mean()
+
+
+def test_walks_of_a_pixel_do_not_depend_on_what_it_found():
+    """Of two pixels among others alike one found much light and one none: both get as many walks."""
+    sums, random = sums_of_picture(), np.random.default_rng(5)
+    values = random.exponential(size=(SIDE**2, 64)) * (random.random((SIDE**2, 64)) < 0.1)
+    middle, other = (20 * SIDE + 10, 20 * SIDE + 30)
+    values[middle], values[other] = 9.0, 0.0
+    sums.want(64)
+    for pixels, count in sums.launches(1 << 20):
+        drawn = values[pixels].ravel()
+        add(sums, pixels, count, drawn, drawn > 0.0)
+    wanted = sums.walks_for(0.01)
+    assert wanted[other] == pytest.approx(wanted[middle], rel=0.5)
+    assert wanted[middle + 1] == pytest.approx(wanted[middle - 1], rel=0.5)
 
 
 def test_sums_are_the_same_bits_as_channels_of_a_file():
@@ -150,7 +166,7 @@ def test_an_interrupt_finds_whole_rows():
     sums.want(2)
     for pixels, count in sums.launches(700):
         before = sums.table.copy()
-        sums.add(pixels, Walked.of(np.ones((len(pixels), count, 2), np.float32)), count)
+        add(sums, pixels, count, np.ones(count * len(pixels)), np.ones(count * len(pixels)))
         changed = (sums.table != before).any(axis=1)
         assert set(np.flatnonzero(changed)) == set(pixels)
         assert (sums.table[changed][:, [0, COVERED]] == sums.walks[changed][:, None]).all()
