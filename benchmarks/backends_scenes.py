@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from march import EYE, MATTER, TAU, VOXELS, reference_lamps, reference_voxels
@@ -17,6 +17,7 @@ from orders_scenes import cloth, smoke
 from shells import FUZZY, MIDDLE, camera, lamps
 
 import hagoromo as hg
+from hagoromo.image.modes import Mode, Shadows
 
 RECIPES = Path(__file__).parents[1] / "examples" / "recipes"
 SMALLER = {  # recipes of minutes, made smaller; extinction as light of all orders needs it
@@ -37,8 +38,8 @@ class Case:
     """
 
     make: Callable[[int], hg.Scene]
-    mode: str = "march"
-    shadows: str = "map"
+    mode: Mode | Literal["gradient"] = "march"
+    shadows: Shadows = "map"
     samples: int = 1
     bound: float | None = 1e-3
 

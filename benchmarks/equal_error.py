@@ -25,6 +25,7 @@ from peers_scene import STUDIES, Scene, make_matter
 from turns import medians, options, record
 
 import hagoromo as hg
+from hagoromo.image.modes import Shadows
 
 BEFORE = (  # shadows, tolerance, time over that of the yardstick, relative error
     ("map", 0.16, 0.525, 0.02292),
@@ -35,7 +36,10 @@ BEFORE = (  # shadows, tolerance, time over that of the yardstick, relative erro
     ("march", 0.04, 7.098, 0.00512),
     ("march", 0.02, 14.622, 0.00266),
 )
-TOLERANCES = {"map": (0.64, 0.32, 0.16, 0.08, 0.04, 0.02), "march": (0.64, 0.32, 0.16, 0.08, 0.04)}
+TOLERANCES: dict[Shadows, tuple[float, ...]] = {
+    "map": (0.64, 0.32, 0.16, 0.08, 0.04, 0.02),
+    "march": (0.64, 0.32, 0.16, 0.08, 0.04),
+}
 YARDSTICK = "step 0.5 voxel"
 
 

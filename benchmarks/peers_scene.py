@@ -11,6 +11,7 @@ import math
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +36,7 @@ class Study:
     lamps: int
     peers: tuple[str, ...]
     pixels: int = 512
-    element: str = "sphere"
+    element: Literal["plane", "sphere"] = "sphere"
     shadows: bool = True
     far: bool = False
 

@@ -19,6 +19,7 @@ from typing import Any
 import tyro
 
 import hagoromo as hg
+from hagoromo.image.modes import Shadows
 from hagoromo.transport.frames import DEFAULT_TOLERANCE, LONGEST_STEP
 from studies.first_order_page import write_first_order_page
 from studies.table import print_table
@@ -68,7 +69,7 @@ def longest_steps() -> dict[str, float]:
     return {str(t): LONGEST_STEP * math.sqrt(t / DEFAULT_TOLERANCE) for t in TOLERANCES}
 
 
-def scene_row(case: Case, true: Array, transmittance: Array, shadows: str, tolerance: float) -> dict[str, Any]:
+def scene_row(case: Case, true: Array, transmittance: Array, shadows: Shadows, tolerance: float) -> dict[str, Any]:
     """Error and ratio of the means of one scene where there is matter, and the median time of a frame [s]."""
     settings, seconds = hg.Settings(shadows=shadows, tolerance=tolerance), []
     seen = case.seen(settings)

@@ -17,11 +17,12 @@ import tyro
 from numpy.typing import NDArray
 
 import hagoromo as hg
+from hagoromo.image.modes import Mode
 from studies.orders_colour import colour_row
 from studies.orders_colour import plot as plot_colour
 from studies.table import print_table
 
-MODES = "march", "full", "path"
+MODES: tuple[Mode, ...] = "march", "full", "path"
 TITLES = "march: the first order", "full", "path", "march − path", "full − path"
 BLOCK = 8  # px a side of the blocks by which full and path are compared: the noise of path is small in their means
 LARGEST_SHOWN = 0.2  # difference over the mean at the ends of the colours
@@ -96,7 +97,7 @@ def box_of(recipes: Path, subject: Subject) -> hg.VolumeBox:
 
 
 def images_of(
-    scene: hg.Scene, samples: int, modes: tuple[str, ...] = MODES
+    scene: hg.Scene, samples: int, modes: tuple[Mode, ...] = MODES
 ) -> tuple[dict[str, hg.Image], dict[str, float]]:
     """The image of a scene by each mode, and the processor seconds that it took."""
     images, seconds = {}, {}

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 import hagoromo as hg
+from hagoromo.image.modes import Mode
 
 STEPS = 4  # of the secant by mode full
 NEAR = 1e-3  # of the mean
@@ -31,7 +32,8 @@ def colour_row(
     wanted = brightness(photographs["front"])
     row: dict[str, Any] = {"true": truth, "title": "white linen"}
     pictures = {f"{way}, in life": image for way, image in photographs.items()}
-    for name, mode in (("ignored", "march"), ("taken", "full")):
+    ways: tuple[tuple[str, Mode], ...] = (("ignored", "march"), ("taken", "full"))
+    for name, mode in ways:
         found = solved(front, mode, wanted)
         shown = min(found, largest(front))
         row[name] = {"colour": found, "shown": shown, "albedo": found / largest(front)}
@@ -58,7 +60,7 @@ def largest(scene: hg.Scene) -> float:
     return 0.999 * float(np.min((1.0 - dark) / (2.0 * (grey - dark))))
 
 
-def solved(scene: hg.Scene, mode: str, wanted: float) -> float:
+def solved(scene: hg.Scene, mode: Mode, wanted: float) -> float:
     """The body colour by which a picture is as bright as wanted; mode full tries none above `largest`."""
     tried = [0.6, 0.8]
     seen = [brightness(hg.render(coloured(scene, colour), hg.Settings(4), mode=mode)) for colour in tried]

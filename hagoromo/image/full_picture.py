@@ -8,19 +8,29 @@ from __future__ import annotations
 
 import json
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.image.higher_orders import albedos_of, check_matter, warn_of_few_bands
 from hagoromo.image.image import Image
-from hagoromo.image.lamp_batches import lamp_batches, under_batches
+from hagoromo.image.lamp_batches import Batch, lamp_batches, under_batches
 from hagoromo.image.lit_by_points import lit_by_points
 from hagoromo.image.origin import scene_from
 from hagoromo.image.patch_meshes import patch_meshes
-from hagoromo.image.render import PreparedScene, SceneCache, gamma_rows_of, metadata, reflectances_of, shadow_casters
+from hagoromo.image.render import (
+    PreparedScene,
+    SceneCache,
+    gamma_rows_of,
+    metadata,
+    palette_of_scene,
+    reflectances_of,
+    shadow_casters,
+)
 from hagoromo.image.scene import Scene
 from hagoromo.image.seen_lights import with_seen_lights
 from hagoromo.image.settings import Settings
@@ -48,34 +58,51 @@ MOST_CHANNELS = 8  # bands of all groups of lamps that are solved together
 SOLVING = 0.5  # share of the time of a batch, as progress counts it
 
 
+# Weights (height, width, channels), coverage, and what metadata say, of a scene under one batch of lamps: number of the
+# batch, the scene under them, progress.
+TraceBatch = Callable[[int, Scene, Progress], tuple[NDArray[np.float32], NDArray[np.float32], dict[str, Any]]]
+
+
 def full_picture(
     scene: Scene,
     settings: Settings,
     points: NDArray[np.float64],
     cache: SceneCache | None = None,
     progress: Progress = silent,
+    trace: TraceBatch | None = None,
 ) -> Image:
     """The image of a scene by rays through `points` of every pixel; see `render`.
 
-    `InputError` for a box whose matter would send on more light than it takes.
+    trace: who solves and traces; default: this process. `InputError` for a box whose matter would send on more light
+    than it takes.
     """
     lit, points_of_light = lit_by_points(scene, settings)
     if points_of_light:
         cache = cache or SceneCache()
-        image = full_picture(lit, settings, points, cache, progress)
+        image = full_picture(lit, settings, points, cache, progress, trace)
         image = with_seen_lights(image, scene, settings, cache, points)
         return replace(image, metadata=image.metadata | metadata(scene, settings) | points_of_light)
-    for box in scene.boxes:
-        check_matter(box)
-    kept = cache or SceneCache()
-    bands = bands_of_scene(scene, distinct([lamp.spectrum for lamp in scene.lamps]))  # one choice for all batches
+    batches, bands = batches_and_bands(scene, settings)
     warn_of_few_bands(bands)
-    batches = batches_of(scene.lamps, bands.count, settings.separate_lamps)
+    traced = trace or partial(_traced, settings, points, bands, cache or SceneCache())
 
     def under(number: int, lit: Scene, part: Progress) -> Image:
-        return _under_one_batch(lit, settings, points, bands, kept, part)
+        weights, alpha, record = traced(number, lit, part)
+        palette = replace(palette_of_scene(lit, settings), bands=bands.spectra)
+        return Image(weights, alpha, palette, metadata(lit, settings) | record)
 
     return under_batches(scene, batches, settings.separate_lamps, under, progress)
+
+
+def batches_and_bands(scene: Scene, settings: Settings) -> tuple[list[Batch], Bands]:
+    """The lamps of a scene in batches, and bands that all of them have in common.
+
+    `InputError` for a box whose matter would send on more light than it takes.
+    """
+    for box in scene.boxes:
+        check_matter(box)
+    bands = bands_of_scene(scene, distinct([lamp.spectrum for lamp in scene.lamps]))
+    return batches_of(scene.lamps, bands.count, settings.separate_lamps), bands
 
 
 def batches_of(lamps: Sequence[Lamp], bands: int, separate: bool) -> list[list[int]]:
@@ -90,23 +117,38 @@ def batches_of(lamps: Sequence[Lamp], bands: int, separate: bool) -> list[list[i
     return batches
 
 
-def _under_one_batch(
-    scene: Scene, settings: Settings, points: NDArray[np.float64], bands: Bands, cache: SceneCache, progress: Progress
-) -> Image:
-    prepared = PreparedScene(scene, settings, cache)
-    field, surface_light = light_of(scene, prepared, settings, bands, cache)
-    prepared.lighting.field, prepared.lighting.surface_light = field, surface_light
+def _traced(
+    settings: Settings, points: NDArray[np.float64], bands: Bands, cache: SceneCache, _: int, scene: Scene,
+    progress: Progress,
+) -> tuple[NDArray[np.float32], NDArray[np.float32], dict[str, Any]]:  # fmt: skip
+    """A `TraceBatch` of this process."""
+    solved = SolvedScene(scene, settings, bands, cache)
     progress(SOLVING)
-    film = Film(prepared.camera, prepared.lighting.channels, 1, prepared.ahead)
+    film = Film(solved.prepared.camera, solved.prepared.lighting.channels, 1, solved.prepared.ahead)
     for sample, point in enumerate(points):
         share = (1.0 - SOLVING) / len(points)
-        film.add(prepared.camera_radiance, point, part_of(progress, SOLVING + sample * share, share))
+        film.add(solved.prepared.camera_radiance, point, part_of(progress, SOLVING + sample * share, share))
     weights, alpha = film.mean()
-    record = metadata(scene, settings) | {"mode": "full", "bands_error": bands.error}
-    record |= {"field": field.record()} if field else {}
-    record |= {"patches": surface_light.lit.patches.count} if surface_light else {}
-    palette = replace(prepared.palette, bands=bands.spectra)
-    return Image(in_groups(weights, prepared.palette, bands.count), alpha, palette, record)
+    return solved.in_groups(weights), alpha, solved.record
+
+
+class SolvedScene:
+    """A scene under one batch of lamps that is ready for rays, with the light of higher orders in it.
+
+    prepared: its `camera_radiance` has that light. record: what metadata say of it.
+    """
+
+    def __init__(self, scene: Scene, settings: Settings, bands: Bands, cache: SceneCache) -> None:
+        self.prepared, self.bands = PreparedScene(scene, settings, cache), bands
+        field, surface_light = light_of(scene, self.prepared, settings, bands, cache)
+        self.prepared.lighting.field, self.prepared.lighting.surface_light = field, surface_light
+        self.record: dict[str, Any] = {"mode": "full", "bands_error": bands.error}
+        self.record |= {"field": field.record()} if field else {}
+        self.record |= {"patches": surface_light.lit.patches.count} if surface_light else {}
+
+    def in_groups(self, weights: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Channels of the march, as those of a picture."""
+        return in_groups(weights, self.prepared.palette, self.bands.count)
 
 
 def bands_of_scene(scene: Scene, lamps: Sequence[Spectrum]) -> Bands:

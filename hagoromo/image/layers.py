@@ -7,8 +7,9 @@ Enters: a scene. Leaves: named channels, see `Image.layers`.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
+from functools import partial
 
 import drjit as dr
 import numpy as np
@@ -29,29 +30,30 @@ STREAM = 1 << 40  # added to the seed: other random numbers than those of the pi
 Array = NDArray[np.float32]
 
 
-def layers_of(scene: Scene, settings: Settings) -> dict[str, Array]:
+# Of a run of pixels: sums (pixels, 5 + bodies) of 1, depth, normal and albedo over the walks that hit something, and
+# how many hit each material (pixels, materials + 1), from column 1 on.
+Looked = tuple[NDArray[np.float64], NDArray[np.uint16]]
+LookAt = Callable[[int], Iterable[Looked]]  # of so many pixels, all of them, in order
+
+
+def layers_of(scene: Scene, settings: Settings, look: LookAt | None = None) -> dict[str, Array]:
     """Channels (height, width) of a scene, 0 where a pixel shows nothing.
 
     depth.Z: along the camera's axis [m]. normal.X, .Y, .Z: unit, world, to the eye. albedo.R, .G, .B: of the bodies,
     linear sRGB under the first lamp. material.id: the one that most rays hit; from 1 on, those of the boxes and
-    then the surfaces, as `names_of_materials` has them.
+    then the surfaces, as `names_of_materials` has them. look: who looks; default: this process.
     """
-    camera = scene.camera
-    prepared = PreparedScene(scene, replace(settings, shadows="none"))
-    walks = walks_of(scene, prepared, Bands(np.array([550.0]), 0.0))
-    pixels, bodies = camera.width * camera.height, len(prepared.palette.bodies)
-    sums, materials = np.zeros((pixels, 5 + bodies)), np.zeros((pixels, len(reflectances_of(scene)) + 1), np.uint16)
-    for look in range(LOOKS):
-        for begin, values, material in _looks(walks, prepared, settings.seed + STREAM, look):
-            sums[begin : begin + len(values)] += values
-            materials[begin + np.arange(len(values)), material] += 1
+    camera, palette = scene.camera, palette_of_scene(scene, settings)
+    pixels, bodies = camera.width * camera.height, len(palette.bodies)
+    parts = zip(*(look or partial(_look_here, scene, settings))(pixels), strict=True)
+    sums, materials = (np.concatenate(part) for part in parts)
     count, depth, *normal = sums[:, :5].T
     length = np.maximum(np.linalg.norm(normal, axis=0), 1e-30)
     layers = {"depth.Z": depth / np.maximum(count, 1.0)}
     layers |= {f"normal.{name}": each / length for name, each in zip("XYZ", normal, strict=True)}
-    colours = np.zeros((*sums.shape[:1], 1, palette_of_scene(scene, settings).channels), np.float32)
+    colours = np.zeros((*sums.shape[:1], 1, palette.channels), np.float32)
     colours[:, 0, :bodies] = sums[:, 5:] / np.maximum(count, 1.0)[:, None]
-    albedo = Image(colours, np.ones((pixels, 1), np.float32), palette_of_scene(scene, settings)).linear_srgb()
+    albedo = Image(colours, np.ones((pixels, 1), np.float32), palette).linear_srgb()
     layers |= {f"albedo.{name}": albedo[:, 0, k] for k, name in enumerate("RGB")}
     layers["material.id"] = np.where(count > 0, 1 + materials[:, 1:].argmax(axis=1), 0)
     return {name: np.float32(values).reshape(camera.height, camera.width) for name, values in layers.items()}
@@ -63,28 +65,49 @@ def names_of_materials(scene: Scene) -> list[str]:
     return boxes + [f"{surface.name}: {surface.reflectance.name}" for surface in scene.surfaces]
 
 
-def _looks(
-    walks: Walks, prepared: PreparedScene, seed: int, look: int
-) -> Iterator[tuple[int, NDArray[np.float64], NDArray[np.uint32]]]:
-    """First pixel, (pixels, 5 + bodies) of 1, depth, normal and albedo, and number of the material from 1 on; 0 where
-    no ray hits anything.
+def _look_here(scene: Scene, settings: Settings, pixels: int) -> Iterator[Looked]:
+    looked = looked_at(scene, settings)
+    for first in range(0, pixels, PIXELS_AT_ONCE):
+        yield looked(range(first, min(first + PIXELS_AT_ONCE, pixels)))
+
+
+def looked_at(scene: Scene, settings: Settings) -> Callable[[range], Looked]:
+    """A function that gives the sums of a run of pixels of a scene, which is made ready for it."""
+    prepared = PreparedScene(scene, replace(settings, shadows="none"))
+    walks = walks_of(scene, prepared, Bands(np.array([550.0]), 0.0))
+    kinds, bodies = len(reflectances_of(scene)) + 1, len(prepared.palette.bodies)
+
+    def looked(pixels: range) -> Looked:
+        sums, materials = np.zeros((len(pixels), 5 + bodies)), np.zeros((len(pixels), kinds), np.uint16)
+        for look in range(LOOKS):
+            values, material = _look(walks, prepared, settings.seed + STREAM, look, pixels)
+            sums += values
+            materials[np.arange(len(pixels)), material] += 1
+        return sums, materials
+
+    return looked
+
+
+def _look(
+    walks: Walks, prepared: PreparedScene, seed: int, look: int, pixels: range
+) -> tuple[NDArray[np.float64], NDArray[np.uint32]]:
+    """(pixels, 5 + bodies) of 1, depth, normal and albedo, and number of the material from 1 on; 0 where no ray hits
+    anything.
     """
-    jit, camera = arrays(), prepared.camera
+    jit, camera, count = arrays(), prepared.camera, len(pixels)
     pose = camera.world_to_camera
     axis, ahead = opaque_vector(pose[2, :3]), dr.opaque(jit.Float, float(pose[2, 3]))
-    for begin in range(0, camera.width * camera.height, PIXELS_AT_ONCE):
-        count = min(PIXELS_AT_ONCE, camera.width * camera.height - begin)
-        pixel, width = dr.arange(jit.UInt, count) + dr.opaque(jit.UInt, begin), dr.opaque(jit.UInt, camera.width)
-        random = random_numbers(pixel, dr.opaque(jit.UInt, look), seed)
-        x, y = (jit.Float(each) + random.next_float32() for each in (pixel % width, pixel // width))
-        origin, direction = camera.rays(x, y, prepared.ahead)
-        event, random = walks.event(origin, direction, random)
-        normal, _ = walks.scattering.visible_normal(event.material, event.axis, -direction, *five_of(random)[:2])
-        normal = dr.select(dr.dot(normal, direction) > 0.0, -normal, normal)
-        alpha = math.pi * prepared.lighting.materials.read(event.material, 0)
-        albedo = [alpha * share for share in event.coefficients[: len(prepared.palette.bodies)]]
-        columns = [jit.Float(1), dr.dot(axis, event.point) + ahead, *normal, *albedo]
-        there = [dr.select(event.there, column, jit.Float(0)) + dr.zeros(jit.Float, count) for column in columns]
-        material = dr.select(event.there, event.material + 1, jit.UInt(0)) + dr.zeros(jit.UInt, count)
-        dr.eval(there, material)
-        yield begin, np.stack([np.array(column, np.float64) for column in there], axis=1), np.array(material)
+    pixel, width = dr.arange(jit.UInt, count) + dr.opaque(jit.UInt, pixels.start), dr.opaque(jit.UInt, camera.width)
+    random = random_numbers(pixel, dr.opaque(jit.UInt, look), seed)
+    x, y = (jit.Float(each) + random.next_float32() for each in (pixel % width, pixel // width))
+    origin, direction = camera.rays(x, y, prepared.ahead)
+    event, random = walks.event(origin, direction, random)
+    normal, _ = walks.scattering.visible_normal(event.material, event.axis, -direction, *five_of(random)[:2])
+    normal = dr.select(dr.dot(normal, direction) > 0.0, -normal, normal)
+    alpha = math.pi * prepared.lighting.materials.read(event.material, 0)
+    albedo = [alpha * share for share in event.coefficients[: len(prepared.palette.bodies)]]
+    columns = [jit.Float(1), dr.dot(axis, event.point) + ahead, *normal, *albedo]
+    there = [dr.select(event.there, column, jit.Float(0)) + dr.zeros(jit.Float, count) for column in columns]
+    material = dr.select(event.there, event.material + 1, jit.UInt(0)) + dr.zeros(jit.UInt, count)
+    dr.eval(there, material)
+    return np.stack([np.array(column, np.float64) for column in there], axis=1), np.array(material)

@@ -5,7 +5,9 @@ Enters: a scene. Leaves: an `Image` whose palette has bands for light that was s
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
 
 import drjit as dr
 import numpy as np
@@ -16,7 +18,7 @@ from hagoromo.errors import InputError
 from hagoromo.image.emitter_mesh import emitters_of
 from hagoromo.image.higher_orders import albedos_of, check_matter, warn_of_few_bands
 from hagoromo.image.image import Image
-from hagoromo.image.lamp_batches import lamp_batches, under_batches
+from hagoromo.image.lamp_batches import Batch, lamp_batches, under_batches
 from hagoromo.image.nesting import Glass
 from hagoromo.image.origin import scene_from
 from hagoromo.image.render import (
@@ -30,7 +32,7 @@ from hagoromo.image.render import (
 from hagoromo.image.scene import Scene
 from hagoromo.image.settings import Settings
 from hagoromo.image.unfinished import RenderInterrupted, sums_of, with_sums
-from hagoromo.image.walk_sums import Stop, WalkSums
+from hagoromo.image.walk_sums import PixelSums, Stop, WalkSums
 from hagoromo.image.walked import Walked
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.progress import Progress, part_of, silent
@@ -52,27 +54,30 @@ ENDLESS = 0.5  # share of walks with ALL_ORDERS events above which a picture is 
 LONG = 64.0  # events of a walk above which fewer are launched at once
 
 
+# Walks until all that a picture wants are in its sums: number of the batch of lamps, the scene under them, the sums,
+# the share of the time that the picture may take, progress.
+WalkBatch = Callable[[int, Scene, WalkSums, float, Progress], None]
+
+
 def path_picture(
     scene: Scene,
     settings: Settings,
     progress: Progress = silent,
     unfinished: Image | None = None,
     cache: SceneCache | None = None,
+    walk: WalkBatch | None = None,
 ) -> Image:
     """The image of a scene by `settings.samples` walks through each pixel; see `render`.
 
-    unfinished: of an interrupted run, to go on from. `InputError` for a box whose matter would send on more light than
-    it takes, and for light that never leaves nor is absorbed. An interrupt raises `RenderInterrupted`.
+    unfinished: of an interrupted run, to go on from. walk: who walks; default: this process. `InputError` for a box
+    whose matter would send on more light than it takes, and for light that never leaves nor is absorbed. An interrupt
+    raises `RenderInterrupted`.
     """
-    for box in scene.boxes:
-        check_matter(box)
-    batches, cache = lamp_batches(scene.lamps), cache or SceneCache()
-    batches[0] += range(len(scene.lamps), len(scene.lights))
-    bands = bands_of(albedos_of(scene), distinct([light.spectrum for light in scene.lights]))
+    batches, bands = batches_and_bands(scene)
     warn_of_few_bands(bands)
-    scattered = _Scattered(bands, scene.lights[0].spectrum)
-    lit = [scene.under(batch) for batch in batches]
-    sums = [_sums(each, settings, scattered) for each in lit]
+    walk = walk or partial(_walk, settings, cache or SceneCache(), bands)
+    lit, white = [scene.under(batch) for batch in batches], scene.lights[0].spectrum
+    sums = [_sums(each, settings, bands, white) for each in lit]
     if unfinished is not None:
         sums_of(unfinished, metadata(scene, settings), sums)
 
@@ -86,7 +91,7 @@ def path_picture(
     try:
         for number, part in enumerate(lit):
             of_batch = part_of(progress, number / len(batches), 1.0 / len(batches))
-            _walk(part, settings, cache, scattered, (number, 1.0 / len(batches)), sums[number], of_batch)
+            walk(number, part, sums[number], 1.0 / len(batches), of_batch)
     except KeyboardInterrupt as interrupt:
         if not any(own.walks.any() for own in sums):
             raise
@@ -95,39 +100,40 @@ def path_picture(
     return under_batches(scene, batches, settings.separate_lamps, picture)
 
 
-@dataclass(frozen=True)
-class _Scattered:
-    """What all batches of lamps have in common: bands, and the lamp that Y is counted from."""
+def batches_and_bands(scene: Scene) -> tuple[list[Batch], Bands]:
+    """The lights of a scene in batches, as numbers of `Scene.lights`, and bands that all of them have in common.
 
-    bands: Bands
-    white: Spectrum
+    `InputError` for a box whose matter would send on more light than it takes.
+    """
+    for box in scene.boxes:
+        check_matter(box)
+    batches = lamp_batches(scene.lamps)
+    batches[0] += range(len(scene.lamps), len(scene.lights))
+    return batches, bands_of(albedos_of(scene), distinct([light.spectrum for light in scene.lights]))
 
 
-def _sums(scene: Scene, settings: Settings, scattered: _Scattered) -> WalkSums:
-    """No walks yet."""
-    palette = replace(palette_of_scene(scene, settings), bands=scattered.bands.spectra)
-    return WalkSums(scene.camera.height, scene.camera.width, palette, scattered.white)
+def _sums(scene: Scene, settings: Settings, bands: Bands, white: Spectrum) -> WalkSums:
+    """No walks yet. white: the lamp that Y is counted from."""
+    palette = replace(palette_of_scene(scene, settings), bands=bands.spectra)
+    return WalkSums(scene.camera.height, scene.camera.width, palette, white)
 
 
 def _walk(
-    scene: Scene,
     settings: Settings,
     cache: SceneCache,
-    scattered: _Scattered,
-    batch: tuple[int, float],
+    bands: Bands,
+    number: int,
+    scene: Scene,
     sums: WalkSums,
+    share: float,
     progress: Progress,
 ) -> None:
-    """Walk until all is in `sums`. batch: its number, and its share of the time that the picture may take."""
-    number, share = batch
-    prepared = PreparedScene(scene, replace(settings, shadows="none"), cache, together=False)
-    stream = _Stream(prepared, walks_of(scene, prepared, scattered.bands), settings, number)
+    """A `WalkBatch` of this process."""
+    stream = WalkStream(scene, settings, cache, bands, number)
     stop, at_once = Stop(settings, share), walks_at_once(stream, sums.pixels)
     while stop.goes_on(sums):
         for pixels, count in sums.launches(at_once):
-            walks = stream.walk(pixels, sums.walks[pixels], count)
-            covered = dr.select(walks.events > 0, arrays().Float(1), 0.0)
-            sums.add(pixels, Walked(walks.light, covered), count)
+            stream.add(sums, pixels, pixels, count)
             progress(stop.progress(sums))
 
 
@@ -180,7 +186,7 @@ def lights_of(scene: Scene, prepared: PreparedScene, rows: GammaRows | None) -> 
     return Lights(lamps, placed.area_lamps, scene.environment, emitters, groups, reflectances, rows)
 
 
-def walks_at_once(stream: _Stream, pixels: int) -> int:
+def walks_at_once(stream: WalkStream, pixels: int) -> int:
     """Walks of one launch: fewer where they are long. `InputError` where they have no end."""
     some = np.unique(np.linspace(0, pixels - 1, FIRST_LOOK).astype(np.int64))
     events = np.array(stream.walk(some, np.zeros(len(some)), 1).events)
@@ -200,14 +206,21 @@ def launch_size(channels: int) -> int:
     return max(min(NUMBERS // channels, ON_GPU), WALKS_AT_ONCE)
 
 
-@dataclass
-class _Stream:
-    """Walks through pixels of the camera's picture."""
+class WalkStream:
+    """Walks through pixels of the camera's picture of a scene, which is made ready for it.
 
-    prepared: PreparedScene
-    walks: Walks
-    settings: Settings
-    batch: int  # of lamps: each has random numbers of its own
+    number: of the batch of its lamps: each has random numbers of its own.
+    """
+
+    def __init__(self, scene: Scene, settings: Settings, cache: SceneCache, bands: Bands, number: int) -> None:
+        self.prepared = PreparedScene(scene, replace(settings, shadows="none"), cache, together=False)
+        self.walks, self.settings, self.batch = walks_of(scene, self.prepared, bands), settings, number
+
+    def add(self, sums: PixelSums, rows: NDArray[np.int64], pixels: NDArray[np.int64], count: int) -> None:
+        """Add the next `count` walks through some pixels to their rows in `sums`."""
+        walks = self.walk(pixels, sums.walks[rows], count)
+        covered = dr.select(walks.events > 0, arrays().Float(1), 0.0)
+        sums.add(rows, Walked(walks.light, covered), count)
 
     def walk(self, pixels: NDArray[np.int64], samples: NDArray[np.float64], count: int) -> Queue:
         """`count` walks through each of some pixels, pixel after pixel, from number `samples` on."""

@@ -70,7 +70,7 @@ def render(
     bias by `settings.samples` random walks through each pixel; it has noise, see `Image.variance`. An interrupt of it
     raises `RenderInterrupted`, a `KeyboardInterrupt`, with the picture so far.
     unfinished: such a picture, to go on from to the bits of an uninterrupted run; mode path only.
-    layers: whether the image has depth, normals, albedo and materials, too, see `Image.layers`; without a scheduler.
+    layers: whether the image has depth, normals, albedo and materials, too, see `Image.layers`.
 
     A matte ball under a far lamp behind the camera: its middle reflects E α = 2 · 0.25 of the lamp's spectrum.
 
@@ -88,13 +88,9 @@ def render(
     if unfinished is not None and mode != "path":
         raise InputError(f"mode is {mode!r}: only pictures of mode path are resumed")
     if scheduler is not None:
-        if layers:
-            raise InputError("layers with a scheduler: only the light is rendered by many processes; leave one out")
-        if mode != "march":
-            raise InputError(f"mode is {mode!r} with a scheduler: only march is rendered by many processes")
         from hagoromo.image.render_tiles import render_on  # Dask is an extra
 
-        return render_on(scheduler, scene, settings, progress)
+        return render_on(scheduler, scene, settings, progress, mode, unfinished, layers)
     if not isinstance(scene, Scene):
         # only a file needs the readers of boxes and cameras; light of higher orders comes from all of a box
         from hagoromo.image.scene_file import load_for_picture, load_scene
@@ -128,12 +124,12 @@ def picture_of_mode(
     return picture(scene, settings, cache, points, progress=progress)
 
 
-def with_layers(image: Image, scene: Scene, settings: Settings) -> Image:
-    """A picture of a scene with the layers of what it shows."""
+def with_layers(image: Image, scene: Scene, settings: Settings, look: Any = None) -> Image:
+    """A picture of a scene with the layers of what it shows. look: who looks, a `LookAt`; default: this process."""
     from hagoromo.image.layers import layers_of, names_of_materials
 
     record = image.metadata | {"materials": names_of_materials(scene)}
-    return replace(image, layers=layers_of(scene, settings), metadata=record)
+    return replace(image, layers=layers_of(scene, settings, look), metadata=record)
 
 
 def check_mode(settings: Settings, mode: Mode) -> None:

@@ -1,15 +1,16 @@
 """Tiles of a picture on many workers: each traces runs of rays of a scene file, the pixels are put together here.
 
-A ray's bits follow from the scene and its number alone, so that the picture is the one of a single machine. A worker
-keeps the scene that it has made ready until it is asked for another one. The file, and what it names, must lie where
-all workers find the same: a worker whose files differ refuses.
+A ray's bits follow from the scene and its number alone, so that the picture is the one of a single machine. So do
+those of a walk of mode path, see `walk_tiles`; in mode full every worker solves the light of higher orders for itself.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,16 +18,21 @@ from numpy.typing import NDArray
 from hagoromo.camera.camera import Camera
 from hagoromo.cluster.cluster import Cluster, workers_of
 from hagoromo.errors import InputError
-from hagoromo.files.content import content_with_named
 from hagoromo.files.memory import require
+from hagoromo.image.full_picture import SolvedScene, batches_and_bands, full_picture
 from hagoromo.image.image import Image
 from hagoromo.image.lamp_batches import Batch, WeightsOfLamps, lamp_batches
+from hagoromo.image.layers import PIXELS_AT_ONCE, Looked, looked_at
 from hagoromo.image.lit_by_points import lit_by_points
-from hagoromo.image.render import PreparedScene, SceneCache, metadata, pixel_points
+from hagoromo.image.modes import Mode
+from hagoromo.image.path_picture import path_picture
+from hagoromo.image.render import PreparedScene, metadata, pixel_points, with_layers
 from hagoromo.image.scene import Scene
-from hagoromo.image.scene_file import camera_and_settings, load_for_picture
+from hagoromo.image.scene_file import camera_and_settings, load_scene
+from hagoromo.image.scene_on_worker import HeldScene, SceneOrder, held_scene
 from hagoromo.image.seen_lights import SeenLights, camera_sees_lights, with_light
 from hagoromo.image.settings import Settings
+from hagoromo.image.walk_tiles import walk_on
 from hagoromo.light.lamp import Lamp
 from hagoromo.progress import Progress, part_of, silent
 from hagoromo.transport.film import RAYS_AT_ONCE, TILE, Film, pixels_of, tiled
@@ -35,15 +41,7 @@ from hagoromo.transport.palette import Palette
 TASKS_PER_WORKER = 8  # of a picture, so that none waits long for the last
 SEEN = -1  # stands for a batch: of the lights that the camera sees
 FEWEST_RAYS = 1 << 14  # of a task: fewer are traced faster than they are sent
-
-
-@dataclass(frozen=True)
-class SceneOrder:
-    """A scene file as a worker is to render it. digest: of the file and what it names."""
-
-    path: str
-    digest: str
-    settings: Settings
+Array = NDArray[np.float32]
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,30 +57,57 @@ class SceneFacts:
 
 
 def render_on(
-    scheduler: str | int, scene: Scene | str | Path, settings: Settings | None, progress: Progress = silent
+    scheduler: str | int,
+    scene: Scene | str | Path,
+    settings: Settings | None,
+    progress: Progress = silent,
+    mode: Mode = "march",
+    unfinished: Image | None = None,
+    layers: bool = False,
 ) -> Image:
     """`render_tiles` on the workers of `scheduler`, see `workers_of`."""
     if isinstance(scene, Scene):
         raise InputError("a scheduler renders a scene file, which its workers read: give the path of one")
     _, stated = camera_and_settings(scene)
     with workers_of(scheduler) as cluster:
-        return render_tiles(scene, settings or stated, cluster, progress)
+        return render_tiles(scene, settings or stated, cluster, progress, mode, unfinished, layers)
 
 
-def render_tiles(scene: str | Path, settings: Settings, cluster: Cluster, progress: Progress = silent) -> Image:
-    """The image of the scene in a TOML file, traced by the workers of `cluster`.
+def render_tiles(
+    scene: str | Path,
+    settings: Settings,
+    cluster: Cluster,
+    progress: Progress = silent,
+    mode: Mode = "march",
+    unfinished: Image | None = None,
+    layers: bool = False,
+) -> Image:
+    """The image of the scene in a TOML file, by the workers of `cluster`; see `render`.
 
     `InputError` for a file that describes no scene, also where a worker finds another file at its path.
     """
-    path = Path(scene).absolute()
-    order = SceneOrder(str(path), content_with_named(path, quick=True), settings)
+    order = SceneOrder.of(scene, settings, mode)
     progress(0.0, "scene")
+    if mode == "march" and not layers:
+        return _march_on(order, cluster, progress)
+    read = load_scene(order.path)[0]
+    if mode == "path":
+        image = path_picture(read, settings, progress, unfinished, walk=partial(walk_on, order, cluster))
+    elif mode == "full":
+        points = pixel_points(settings.samples, settings.seed)
+        image = full_picture(read, settings, points, progress=progress, trace=partial(_solve_and_trace, order, cluster))
+    else:
+        image = _march_on(order, cluster, progress)
+    return with_layers(image, read, settings, partial(_look_on, order, cluster)) if layers else image
+
+
+def _march_on(order: SceneOrder, cluster: Cluster, progress: Progress) -> Image:
     facts = cluster.run(scene_facts, order)
     size = facts.camera.height, facts.camera.width
     total = WeightsOfLamps(facts.palette, size)
     for number, batch in enumerate(facts.batches):
         of_batch = part_of(progress, number / len(facts.batches), 1.0 / len(facts.batches))
-        palette = facts.palette.with_lamps([facts.lamps[lamp] for lamp in batch], settings.separate_lamps)
+        palette = facts.palette.with_lamps([facts.lamps[lamp] for lamp in batch], order.settings.separate_lamps)
         values = _traced(order, number, size, palette.channels, cluster, of_batch)
         total.add(batch, palette, values[..., :-1])
     image = Image(total.values, values[..., -1], facts.palette, facts.metadata)
@@ -91,9 +116,19 @@ def render_tiles(scene: str | Path, settings: Settings, cluster: Cluster, progre
     return with_light(image, _traced(order, SEEN, size, len(facts.palette.lamps), cluster, silent)[..., :-1])
 
 
+def _solve_and_trace(
+    order: SceneOrder, cluster: Cluster, number: int, scene: Scene, progress: Progress
+) -> tuple[Array, Array, dict[str, Any]]:
+    """A `TraceBatch` of mode full on workers."""
+    size = scene.camera.height, scene.camera.width
+    channels = cluster.run(solved_channels, order, number)
+    values = _traced(order, number, size, channels, cluster, progress)
+    return values[..., :-1], values[..., -1], cluster.run(solved_record, order, number)
+
+
 def _traced(
     order: SceneOrder, batch: int, size: tuple[int, int], channels: int, cluster: Cluster, progress: Progress
-) -> NDArray[np.float32]:
+) -> Array:
     """Weights and alpha (height, width, channels + 1) of a picture under one batch of lamps."""
     height, width = size
     require(4 * width * height * (channels + 1), "the picture")
@@ -106,6 +141,14 @@ def _traced(
     return values
 
 
+def _look_on(order: SceneOrder, cluster: Cluster, pixels: int) -> list[Looked]:
+    """A `LookAt` of workers."""
+    size = min(max(-(-pixels // (TASKS_PER_WORKER * max(cluster.workers, 1))), FEWEST_RAYS), PIXELS_AT_ONCE)
+    spans = [range(first, min(first + size, pixels)) for first in range(0, pixels, size)]
+    found = dict(cluster.results(look, ((order, span) for span in spans)))
+    return [found[number] for number in range(len(spans))]
+
+
 def ray_spans(rays: int, workers: int) -> list[range]:
     """Numbers of all rays in runs: whole tiles, TASKS_PER_WORKER or more a worker, no longer than one launch."""
     whole = TILE[0] * TILE[1]
@@ -115,54 +158,74 @@ def ray_spans(rays: int, workers: int) -> list[range]:
 
 
 def scene_facts(order: SceneOrder) -> SceneFacts:
-    """On a worker: what the picture needs of a scene."""
-    scene, prepared = _ready(order, 0)
-    palette = prepared.palette.with_lamps(scene.lamps, order.settings.separate_lamps)
-    batches, seen = lamp_batches(scene.lamps), camera_sees_lights(_held[order].scene)
-    return SceneFacts(scene.camera, scene.lamps, palette, metadata(scene, order.settings), batches, seen)
+    """On a worker: what the picture of the march needs of a scene."""
+    held = held_scene(order)
+    lit, points = lit_by_points(held.scene, order.settings)
+    palette = _marched(held, 0).palette.with_lamps(lit.lamps, order.settings.separate_lamps)
+    batches, seen = lamp_batches(lit.lamps), camera_sees_lights(held.scene)
+    record = metadata(held.scene, order.settings) | points
+    return SceneFacts(lit.camera, lit.lamps, palette, record, batches, seen)
 
 
-def trace(order: SceneOrder, batch: int, rays: range) -> NDArray[np.float32]:
+def trace(order: SceneOrder, batch: int, rays: range) -> Array:
     """On a worker: means over the samples of weights and alpha along rays of a scene, (rays, channels + 1).
 
     batch: number of the batch of its lamps; SEEN: of the lights that the camera sees themselves.
     """
-    _, prepared = _ready(order, max(batch, 0))
-    film, radiance = Film(prepared.camera, prepared.channels, ahead=prepared.ahead, rays=rays), prepared.camera_radiance
+    held = held_scene(order)
     if batch == SEEN:
-        lights = SeenLights(_held[order].scene, order.settings, _held[order].cache, rays=rays)
-        film, radiance = lights.film, lights.radiance
+        lights = SeenLights(held.scene, order.settings, held.cache, rays=rays)
+        return _means(order, lights.film, lights.radiance)
+    if order.mode == "full":
+        solved = _solved(held, batch)
+        prepared, in_groups = solved.prepared, solved.in_groups
+    else:
+        prepared, in_groups = _marched(held, batch), np.asarray
+    film = Film(prepared.camera, prepared.lighting.channels, ahead=prepared.ahead, rays=rays)
+    means = _means(order, film, prepared.camera_radiance)
+    return np.concatenate([in_groups(means[:, :-1]), means[:, -1:]], axis=1)
+
+
+def _means(order: SceneOrder, film: Film, radiance: Callable[..., Any]) -> Array:
     for point in pixel_points(order.settings.samples, order.settings.seed):
         film.add(radiance, point)
     weights, alpha = film.mean()
     return np.concatenate([weights, alpha[:, None]], axis=1)
 
 
-class Held(NamedTuple):
-    """A scene that a worker has read, the same under lamps only, and what of it is on the device."""
-
-    scene: Scene
-    lit: Scene
-    cache: SceneCache
+def solved_channels(order: SceneOrder, batch: int) -> int:
+    """On a worker: weights of a pixel under a batch of lamps, in mode full."""
+    return _solved(held_scene(order), batch).prepared.lighting.channels
 
 
-_held: dict[SceneOrder, Held] = {}  # the scene that this worker has read
-_lit: dict[int, PreparedScene] = {}  # under the batch of its lamps for which it is ready
+def solved_record(order: SceneOrder, batch: int) -> dict[str, Any]:
+    """On a worker: what metadata say of the light of higher orders under a batch of lamps."""
+    return _solved(held_scene(order), batch).record
 
 
-def _ready(order: SceneOrder, batch: int) -> tuple[Scene, PreparedScene]:
-    if order not in _held:
-        _lit.clear()  # before another one takes memory
-        _held.clear()
-        if content_with_named(order.path, quick=True) != order.digest:
-            raise InputError(
-                f"{order.path}, or a file that it names, is another one on a worker: put them where all find the same"
-            )
-        read = load_for_picture(order.path, order.settings)[0]
-        _held[order] = Held(read, lit_by_points(read, order.settings)[0], SceneCache())
-    _, scene, cache = _held[order]
-    if batch not in _lit:
-        _lit.clear()
-        lamps = lamp_batches(scene.lamps)[batch]
-        _lit[batch] = PreparedScene(scene.with_lamps(*(scene.lamps[lamp] for lamp in lamps)), order.settings, cache)
-    return scene, _lit[batch]
+def look(order: SceneOrder, pixels: range) -> Looked:
+    """On a worker: sums for the layers of some pixels."""
+    held = held_scene(order)
+    return held.ready("layers", lambda: looked_at(held.scene, order.settings))(pixels)
+
+
+def _marched(held: HeldScene, batch: int) -> PreparedScene:
+    def make() -> PreparedScene:
+        lit = lit_by_points(held.scene, held.order.settings)[0]
+        return PreparedScene(_under(lit, lamp_batches(lit.lamps), batch), held.order.settings, held.cache)
+
+    return held.ready(("march", batch), make)
+
+
+def _solved(held: HeldScene, batch: int) -> SolvedScene:
+    def make() -> SolvedScene:
+        settings = held.order.settings
+        lit = lit_by_points(held.scene, settings)[0]
+        batches, bands = batches_and_bands(lit, settings)
+        return SolvedScene(_under(lit, batches, batch), settings, bands, held.cache)
+
+    return held.ready(("full", batch), make)
+
+
+def _under(lit: Scene, batches: Sequence[Batch], batch: int) -> Scene:
+    return lit.with_lamps(*(lit.lamps[lamp] for lamp in batches[batch]))

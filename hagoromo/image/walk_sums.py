@@ -37,31 +37,27 @@ BEYOND = 4  # columns of the table behind the weights: coverage, square of Y, wa
 COVERED, SQUARE, WALKS, WANTED = range(-BEYOND, 0)
 
 
-class WalkSums:
-    """Sums over walks of the weights, the coverage, and the square of Y, of every pixel; and numbers of walks."""
+class PixelSums:
+    """Sums over walks of the weights, the coverage, and the square of Y, of some pixels; and numbers of walks."""
 
-    def __init__(self, height: int, width: int, palette: Palette, white: Spectrum) -> None:
-        """`white`: see `luminance`."""
-        self.size, self.pixels, self.palette = (height, width), height * width, palette
-        columns = palette.channels + BEYOND
-        require(8.0 * self.pixels * columns, f"an image of {width} × {height} pixels")
-        self.table = np.zeros((self.pixels, columns))
-        self.luminance = luminance(palette, white)
+    def __init__(self, table: NDArray[np.float64], luminance: NDArray[np.float64]) -> None:
+        """`table`: a row of each pixel. `luminance`: (channels,), see there."""
+        self.table, self.luminance = table, luminance
 
     @property
     def walks(self) -> NDArray[np.float64]:
         """Walks of every pixel so far."""
         return self.table[:, WALKS]
 
-    def want(self, walks: NDArray[np.float64] | float) -> None:
-        """Ask for a number of walks of each pixel."""
-        self.table[:, WANTED] = walks
+    def lacking(self) -> NDArray[np.int64]:
+        """The rows of pixels that have fewer walks than are wanted."""
+        return np.flatnonzero(self.walks < self.table[:, WANTED])
 
     def launches(self, at_once: int) -> Iterator[tuple[NDArray[np.int64], int]]:
         """Pixels, and how many further walks through each of them, of launches of `at_once` walks at most, until all
         that are wanted are there.
         """
-        while (lacking := np.flatnonzero(self.walks < self.table[:, WANTED])).size:
+        while (lacking := self.lacking()).size:
             left = (self.table[:, WANTED] - self.walks)[lacking]
             count = int(min(max(at_once // lacking.size, 1), left.min()))
             for begin in range(0, lacking.size, at_once):
@@ -73,6 +69,21 @@ class WalkSums:
         rows[:, : SQUARE + 1] = walked.added(rows[:, : SQUARE + 1], self.luminance, walks)
         rows[:, WALKS] += walks
         self.table[pixels] = rows
+
+
+class WalkSums(PixelSums):
+    """The sums of every pixel of a picture."""
+
+    def __init__(self, height: int, width: int, palette: Palette, white: Spectrum) -> None:
+        """`white`: see `luminance`."""
+        self.size, self.pixels, self.palette = (height, width), height * width, palette
+        columns = palette.channels + BEYOND
+        require(8.0 * self.pixels * columns, f"an image of {width} × {height} pixels")
+        super().__init__(np.zeros((self.pixels, columns)), luminance(palette, white))
+
+    def want(self, walks: NDArray[np.float64] | float) -> None:
+        """Ask for a number of walks of each pixel."""
+        self.table[:, WANTED] = walks
 
     def mean(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Weights (height, width, channels) and coverage (height, width); 0 where there was no walk."""

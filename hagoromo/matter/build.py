@@ -93,7 +93,7 @@ def planned(recipe: Mapping[str, Any] | str | Path) -> tuple[BoxPlan, str, Path 
         raise InputError(f"{where}: kind must be one of {', '.join(kind_names())}: given {name!r:.60}")
     kind = kind_of(name)
     table = decode(record, kind.record, where)
-    element = kind.element_of(table) if kind.element_of else kind.element
+    element = kind.element_of(table) if kind.element_of else kind.element or "plane"
     with described(where):
         plan = kind.plan(Recipe(table, element, folder, where)).with_extinction(table.extinction)
     return plan.named(table.name, {"recipe": record}), where, folder

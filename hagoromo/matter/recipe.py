@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any, Generic, NamedTuple, TypeVar
+from typing import Annotated, Any, Generic, Literal, NamedTuple, TypeVar
 
 from hagoromo.files.checks import inside
 from hagoromo.files.record import Count, Positive, Record, about
 from hagoromo.matter.fill import Fineness
+from hagoromo.reflectance.element import Element
 from hagoromo.reflectance.material.material_table import MATERIAL, reflectance_from_table
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.box import Extinction
@@ -40,7 +41,7 @@ class Recipe(NamedTuple, Generic[T]):
     """table: checked, with defaults. where: what messages call the recipe. folder: of the files that it names."""
 
     table: T
-    element: str
+    element: Element
     folder: Path | None
     where: str
 
@@ -74,7 +75,7 @@ class Kind(NamedTuple):
     record: a `RecipeTable` with the keys of this kind; its JSON Schema is made from it.
     """
 
-    element: str
+    element: Element | Literal[""]
     record: type[RecipeTable]
     plan: Callable[[Recipe[Any]], BoxPlan]
-    element_of: Callable[[Any], str] | None = None
+    element_of: Callable[[Any], Element] | None = None

@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from hagoromo.errors import InputError
+from hagoromo.reflectance.element import Element
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.box import Extinction
 from hagoromo.volume.store.plan import BoxPlan
@@ -48,7 +49,7 @@ def figure_part(
     return garment_of(name, part, material, resolution, seed, extinction)
 
 
-def element_of(name: str, part: str) -> str:
+def element_of(name: str, part: str) -> Element:
     """The element of a part's matter."""
     return FIGURE_ELEMENTS.get(_parts(name)[part], "cylinder")
 

@@ -8,6 +8,7 @@ from typing import Annotated
 
 from hagoromo.files.record import about, one_of
 from hagoromo.matter.recipe import Kind, Recipe, RecipeTable
+from hagoromo.reflectance.element import Element
 from hagoromo.volume.store.plan import BoxPlan
 from hagoromo_matter.figure.figure import FIGURE_PARTS, PART_MATERIALS, element_of, figure_part
 
@@ -24,7 +25,7 @@ def _plan(recipe: Recipe[FigureTable]) -> BoxPlan:
     return figure_part(table.figure, table.part, recipe.material, table.resolution, table.seed, table.extinction)
 
 
-def _element(table: FigureTable) -> str:
+def _element(table: FigureTable) -> Element:
     return element_of(table.figure, table.part) if table.part in PART_MATERIALS[table.figure] else "cylinder"
 
 

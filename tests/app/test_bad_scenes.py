@@ -79,4 +79,4 @@ def test_light_beyond_single_precision_is_not_written(refused, scene, tmp_path, 
 
 def test_a_mode_that_there_is_not_is_refused_with_the_known_ones(scene):
     with pytest.raises(InputError, match=r"mode is 'ray': give one of .*march"):
-        hg.render(scene(), mode="ray")
+        hg.render(scene(), mode="ray")  # type: ignore[arg-type]

@@ -13,7 +13,7 @@ from hagoromo.app.cli import main
 from hagoromo.cluster import cluster as clusters
 from hagoromo.cluster.cluster import Cluster, workers_of
 from hagoromo.cluster.mapped import mapped
-from hagoromo.image import render_tiles
+from hagoromo.image import render_tiles, scene_on_worker, walk_tiles
 from hagoromo.image.film.film import Turn, film
 from hagoromo.image.image import Image
 from hagoromo.image.lamp_batches import LAMPS_AT_ONCE
@@ -54,6 +54,14 @@ def address(cluster):
 def slab(scene, box):
     """A scene file with a ball and a volume box."""
     return scene(more=SLAB)
+
+
+@pytest.fixture
+def dense(slab):
+    """The same with matter that light of all orders may pass: its extinction follows from its projected area."""
+    folder = slab.parent / "slab.zarr"
+    dataclasses.replace(hg.load_box(folder), extinction="projected").save(folder, force=True)
+    return slab
 
 
 def bits(image: Image) -> bytes:
@@ -112,6 +120,54 @@ def test_a_killed_worker_loses_nothing(slab, cluster, monkeypatch):
     tiled = render_tiles.render_tiles(slab, settings, cluster, kill_at_the_first)
     assert shares[-1] == 1.0 and min(before) not in pids(cluster)
     assert bits(tiled) == bits(hg.render(slab))
+
+
+@pytest.mark.parametrize(
+    ("mode", "more"),
+    [
+        ("path", {"samples": 3}),
+        ("path", {"samples": 1, "error": 0.4, "orders": 2}),
+        ("full", {"samples": 1}),
+        ("march", {"samples": 1}),
+    ],
+)
+def test_pictures_of_every_mode_and_layers_have_the_bits_of_one_machine(dense, cluster, monkeypatch, mode, more):
+    """Walks until an error, light that is solved on each worker, depth and normals; an area lamp that is seen."""
+    for place, name, value in ((render_tiles, "FEWEST_RAYS", 200), (walk_tiles, "PIXELS", (100, 1 << 16))):
+        monkeypatch.setattr(place, name, value)
+    text = (
+        dense.read_text() + "[[area_lamp]]\nposition = [0.0, 0.0, 1.0]\nradius = 0.1\nradiance = 3.0\nvisible = true\n"
+    )
+    dense.write_text(text)
+    settings = dataclasses.replace(hg.load_scene(dense)[1], tolerance=0.1, **more)
+    whole = hg.render(dense, settings, mode=mode, layers=True)
+    tiled = render_tiles.render_tiles(dense, settings, cluster, mode=mode, layers=True)
+    assert bits(tiled) == bits(whole) and whole.weights.max() > 0 and tiled.metadata == whole.metadata
+    assert tiled.layers and whole.layers and list(tiled.layers) == list(whole.layers)
+    assert all((tiled.layers[name] == layer).all() for name, layer in whole.layers.items())
+    assert (tiled.variance is None) == (mode != "path") and (tiled.xyz() == whole.xyz()).all()
+
+
+def test_an_interrupted_picture_of_walks_goes_on_from_here_and_there(dense, cluster, monkeypatch):
+    """What workers had done when the client was interrupted is kept; another run ends with the bits of one machine."""
+    monkeypatch.setattr(walk_tiles, "PIXELS", (100, 1 << 16))
+    settings = dataclasses.replace(hg.load_scene(dense)[1], samples=4)
+    shares = []
+
+    def interrupt_the_third(share: float, step: str = "") -> None:
+        shares.append(share)
+        if len(shares) == 4:
+            raise KeyboardInterrupt
+
+    with pytest.raises(hg.RenderInterrupted) as interrupt:
+        render_tiles.render_tiles(dense, settings, cluster, interrupt_the_third, mode="path")
+    unfinished = interrupt.value.image
+    assert 0.0 < unfinished.metadata["walks"] < 4.0
+    for image in (
+        hg.render(dense, settings, mode="path", unfinished=unfinished),
+        render_tiles.render_tiles(dense, settings, cluster, mode="path", unfinished=unfinished),
+    ):
+        assert bits(image) == bits(hg.render(dense, settings, mode="path"))
 
 
 BATCH = """
@@ -231,7 +287,7 @@ def test_a_capture_that_is_solved_as_one_says_so(scene, capture, address, tmp_pa
 
 
 def test_a_worker_that_finds_another_file_refuses(slab, cluster, monkeypatch):
-    monkeypatch.setattr(render_tiles, "content_with_named", lambda *_, **__: "of another file")
+    monkeypatch.setattr(scene_on_worker, "content_with_named", lambda *_, **__: "of another file")
     _, settings = hg.load_scene(slab)
     with pytest.raises(hg.InputError, match=r"scene\.toml, or a file that it names, is another one on a worker"):
         render_tiles.render_tiles(slab, settings, cluster)

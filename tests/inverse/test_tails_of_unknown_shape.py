@@ -76,7 +76,7 @@ def test_slopes_by_tail_and_colour_are_differences():
     rows = np.array([[-0.7, -1.6, 0.05, 0.1, 0.4, 0.2, -0.3]])
     fit = replace(fit, gloss=Gloss(rows))
     prior = photometric_step.Prior()
-    problem = photometric_step.Problem(few, few.place, 1.0, prior, np.ones(rows.shape, bool))
+    problem = photometric_step.PixelProblem(few, few.place, 1.0, prior, np.ones(rows.shape, bool))
     slopes = PixelStep(problem, fit)._by_gloss()
     for place in range(rows.shape[1]):
         step = np.zeros(rows.shape)

@@ -15,6 +15,7 @@ from hagoromo.app.info import info
 from hagoromo.backend import arrays, name
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
+from hagoromo.image.modes import Shadows
 from hagoromo.image.ray_march import RayMarch
 from hagoromo.image.scene import Scene
 from hagoromo.image.scene_file import load_scene
@@ -99,7 +100,7 @@ def chord(box, way):
     return (box.size / np.maximum(np.abs(way), 1e-12)).min(axis=-1)
 
 
-def through_middle(box, lamps, way, shadows="none"):
+def through_middle(box, lamps, way, shadows: Shadows = "none"):
     """What rays along `way` (n, 3) through the middle of a box bring: weights (n, channels) and transmittance (n,)."""
     origins = box.corners().mean(axis=0) - 1.0 * way
     return RayMarch(scene_of(box, lamps), Settings(shadows=shadows, tolerance=0.01))(origins, way)

@@ -22,7 +22,7 @@ from hagoromo.image.settings import Settings
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.lamp_profile import LampProfile
 from hagoromo.light.spectrum import Spectrum
-from hagoromo.reflectance.element import element_weights, projected_area
+from hagoromo.reflectance.element import Element, element_weights, projected_area
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.transport.field.cell_size import cell_size as real_cell_size
 from hagoromo.transport.field.cell_size import light_bytes
@@ -38,7 +38,7 @@ TO_LAMP = np.array([0.48, -0.6, 0.64])
 SIDE = 12  # voxels along an edge of a box of 1 m
 
 
-def matter(element="sphere", albedo=1.0, beta=0.0, colour=WHITE):
+def matter(element: Element = "sphere", albedo=1.0, beta=0.0, colour=WHITE):
     return Reflectance(albedo / math.pi, beta, 0.3, 1.5, colour, element=element)
 
 
@@ -206,7 +206,7 @@ def test_higher_orders_agree_with_random_walks(element):
     """With an interface, in the whole picture: 1 % of all light, of which they are a fifth."""
     glossy = Reflectance(0.22, 0.35, 0.3, 1.5, WHITE, element=element)
     scene = scene_of(cube(glossy, 3.0), size=10)
-    solved, walked = (render(scene, Settings(samples=n), mode=mode) for n, mode in ((8, "full"), (600, "path")))
+    solved, walked = render(scene, Settings(samples=8), mode="full"), render(scene, Settings(samples=600), mode="path")
     higher = walked.weights[..., 2:].mean(axis=-1).sum()  # of a grey scene each band has all of it
     everything = walked.weights[..., :2].sum() + higher
     assert abs(solved.weights[..., 2].sum() - higher) < 0.01 * everything and higher > 0.15 * everything
@@ -338,13 +338,12 @@ def test_batches_of_lamps_share_their_bands(monkeypatch):
     assert full.batches_of(lamps, 7, True) == [[0], [1], [2], [3]]
     seen = []
 
-    def one_batch(scene, settings, points, bands, *_):
+    def one_batch(settings, points, bands, cache, number, scene, progress):
         seen.append((len(scene.lamps), bands))
-        prepared = full.PreparedScene(scene, settings)
-        palette = replace(prepared.palette, bands=bands.spectra)
-        return full.Image(np.ones((2, 2, palette.channels), np.float32), np.ones((2, 2), np.float32), palette)
+        palette = replace(full.palette_of_scene(scene, settings), bands=bands.spectra)
+        return np.ones((2, 2, palette.channels), np.float32), np.ones((2, 2), np.float32), {}
 
-    monkeypatch.setattr(full, "_under_one_batch", one_batch)
+    monkeypatch.setattr(full, "_traced", one_batch)
     scene = scene_of(cube(matter(colour=slope), 3.0)).with_lamps(*lamps)
     with pytest.warns(UserWarning, match="7 bands are too few for the spectra"):  # of the blue lamp's line
         image = render(scene, mode="full")

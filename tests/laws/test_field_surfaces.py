@@ -14,6 +14,7 @@ import hagoromo as hg
 import hagoromo.image.full_picture as full
 import hagoromo.image.patch_meshes as patch_meshes
 from hagoromo.image.render import SceneCache, pixel_points
+from hagoromo.reflectance.element import Element
 from hagoromo.transport.field import matter_samples
 from hagoromo.transport.field.cells import Cells
 from hagoromo.transport.field.patches import Patches
@@ -29,7 +30,7 @@ def few_patches(monkeypatch):
     monkeypatch.setattr(patch_meshes, "MOST_PATCHES", 1500)
 
 
-def paint(albedo, beta=0.0, colour=WHITE, element="plane"):
+def paint(albedo, beta=0.0, colour=WHITE, element: Element = "plane"):
     return hg.Reflectance(albedo / math.pi, beta, 0.3, 1.5, colour, element=element)
 
 
@@ -75,7 +76,10 @@ def test_a_floor_beside_a_white_box_is_lit_as_by_random_walks(element, beta):
     A floor with and without an interface. In half of the blocks light of higher orders is more than 4 % of all.
     """
     scene = on_a_floor(paint(0.95, element=element), paint(0.8 if not beta else 0.6, beta))
-    solved, walked = (hg.render(scene, hg.Settings(samples=n), mode=mode) for n, mode in ((4, "full"), (512, "path")))
+    solved, walked = (
+        hg.render(scene, hg.Settings(samples=4), mode="full"),
+        hg.render(scene, hg.Settings(samples=512), mode="path"),
+    )
     ours, theirs = (
         (image.weights[..., :2].sum(axis=-1) + higher_orders(image).mean(axis=-1)) for image in (solved, walked)
     )
@@ -90,7 +94,10 @@ def test_a_floor_beside_a_white_box_is_lit_as_by_random_walks(element, beta):
 def test_a_robe_colours_the_plate_that_it_lies_on():
     """A red box over a white floor, of which the camera sees the floor: bands have the colour that walks find."""
     scene = on_a_floor(paint(0.95, colour=RED, element="sphere"), paint(0.8))
-    solved, walked = (hg.render(scene, hg.Settings(samples=n), mode=mode) for n, mode in ((2, "full"), (512, "path")))
+    solved, walked = (
+        hg.render(scene, hg.Settings(samples=2), mode="full"),
+        hg.render(scene, hg.Settings(samples=512), mode="path"),
+    )
     floor = solved.weights[..., 0] < 1e-6  # RED, the first body, is only the box's
     floor &= walked.weights[..., 0] < 1e-6
     ends = [higher_orders(image)[floor][:, [0, -1]].sum(axis=0) for image in (solved, walked)]

@@ -20,7 +20,7 @@ from hagoromo.backend import arrays
 from hagoromo.errors import InputError
 from hagoromo.image.read_once import read_once
 from hagoromo.image.scene_file import load_scene, readers, scene_from_tables
-from hagoromo.transport.field.scattering import Scattering as FieldScattering
+from hagoromo.transport.field.scattering import ScatteringTables
 from hagoromo.transport.gamma_rows import GammaRows, gammas_between
 from hagoromo.transport.materials import Materials
 from hagoromo.transport.palette import palette_of
@@ -240,10 +240,10 @@ def test_what_patches_send_on_between_two_rows_is_that_of_its_gamma():
     """The factors on smooth light, against tables of a material of that γ: 0.5 % of the largest."""
     jit, gammas = arrays(), np.geomspace(0.03, 0.9, 23)
     material, cosines = coat(beta=0.15), np.linspace(0.05, 1.0, 12)
-    scattering = FieldScattering([material], GammaRows([material], {0: steps(material, 0.03, 0.9)}))
+    scattering = ScatteringTables([material], GammaRows([material], {0: steps(material, 0.03, 0.9)}))
     eye = jit.Array3f(*(jit.Float(part.tolist()) for part in (np.sqrt(1.0 - cosines**2), 0.0 * cosines, cosines)))
     for gamma in gammas.tolist():
-        alone = FieldScattering([replace(material, gamma=gamma)])
+        alone = ScatteringTables([replace(material, gamma=gamma)])
         got, expected = (
             np.array([np.array(f) for f in one.towards(jit.UInt(0), 1, jit.Array3f(0, 0, 1), eye, jit.Float(gamma))])
             for one in (scattering, alone)
@@ -254,7 +254,10 @@ def test_what_patches_send_on_between_two_rows_is_that_of_its_gamma():
 def test_patches_send_on_by_the_gamma_of_each_place():
     """Light of all orders, full against path per block; 3 % of the light for the patches, 3.3 standard errors."""
     scene = beside_a_wall(square(RAMP))
-    full, path = (hg.render(scene, hg.Settings(samples=n), mode=mode) for mode, n in (("full", 4), ("path", 512)))
+    full, path = (
+        hg.render(scene, hg.Settings(samples=4), mode="full"),
+        hg.render(scene, hg.Settings(samples=512), mode="path"),
+    )
     assert path.variance is not None
 
     def blocks(values):

@@ -11,8 +11,7 @@ import pytest
 import hagoromo as hg
 from hagoromo.backend import arrays
 from hagoromo.reflectance.element import ELEMENTS, projected_area
-from hagoromo.transport.field.scattering import Scattering as FieldScattering
-from hagoromo.transport.field.scattering import scattered
+from hagoromo.transport.field.scattering import ScatteringTables, scattered
 from hagoromo.transport.field.second_order import projected, second_order
 from hagoromo.transport.materials import Materials
 from hagoromo.transport.palette import palette_of
@@ -122,7 +121,7 @@ def test_smooth_light_is_transmitted_as_by_quadrature(element):
     """Moments and blocks of mode full for each of the weights: 5e-3 of the largest of all weights."""
     one = matter(element, 0.5 if element == "cylinder" else 0.0, gamma=0.6, n=1.8, alpha=0.1, beta=0.1)
     jit, count, numbers = arrays(), 3000, np.random.default_rng(1).normal(size=9)
-    scattering, ways = FieldScattering([one]), spiral(count)
+    scattering, ways = ScatteringTables([one]), spiral(count)
     axes, each = jit.Array3f(*map(float, AXIS)), 4 * math.pi / count
     light = np.array(second_order([jit.Float(float(x)) for x in numbers]).at(vectors(ways)), float)
     eyes = ways[:: count // 25][np.abs(ways[:: count // 25] @ AXIS) > 0.25]
@@ -164,7 +163,10 @@ def test_higher_orders_of_full_agree_with_random_walks(clearness):
     """2 % of all light: clear light ahead is sharper than the second order holds."""
     one = matter("cylinder", clearness, alpha=0.5 / math.pi, beta=0.05)
     scene = scene_of(one, 3.0)
-    solved, walked = (hg.render(scene, hg.Settings(samples=n), mode=m) for n, m in ((4, "full"), (400, "path")))
+    solved, walked = (
+        hg.render(scene, hg.Settings(samples=4), mode="full"),
+        hg.render(scene, hg.Settings(samples=400), mode="path"),
+    )
     first = len(walked.palette.colours) - len(walked.palette.bands)
     higher = walked.weights[..., first:].mean(axis=-1).sum()
     everything = walked.weights[..., :first].sum() + higher

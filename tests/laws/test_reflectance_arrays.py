@@ -44,7 +44,7 @@ def test_f_is_the_radiance_of_a_picture():
     surface = hg.Surface(plane, vertices=corners, faces=np.array([[0, 1, 2], [0, 2, 3]]))
     image = hg.render(hg.Scene(view, (lamp,), surfaces=(surface,)))
     seen = float(image.weights[1, 1].sum())  # the colours are 1
-    assert seen == pytest.approx(2.0 * plane.evaluate(FROM_ABOVE, lamp.to_lamp, (0.3, 0.0, 0.9)).item(), rel=2e-4)
+    assert seen == pytest.approx(2.0 * plane.evaluate(FROM_ABOVE, (0.3, 0.2, 0.9), (0.3, 0.0, 0.9)).item(), rel=2e-4)
 
 
 @pytest.mark.parametrize("name", MATERIALS)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import hagoromo as hg
+from hagoromo.image.modes import Mode
 
 WHITE = hg.Spectrum.constant(1.0)
 ACROSS = np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1.0]])  # a rectangle that faces −y
@@ -23,7 +24,7 @@ def sheet(back, through, y=0.0, half=1.0, colour=WHITE):
     return hg.Surface(matter, "rectangle", pose=pose, name="sheet")
 
 
-def light(scene, samples=64, wavelength=550.0, mode="path"):
+def light(scene, samples=64, wavelength=550.0, mode: Mode = "path"):
     """Mean of a picture, and its deviation, 0 of modes without noise."""
     image = hg.render(scene, hg.Settings(samples if mode == "path" else 4), mode=mode)
     spectra = np.array([colour.at(wavelength) for colour in image.palette.colours])

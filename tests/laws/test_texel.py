@@ -11,6 +11,7 @@ import pytest
 from hagoromo.backend import arrays
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
+from hagoromo.image.modes import Shadows
 from hagoromo.image.render import render
 from hagoromo.image.scene import Scene
 from hagoromo.image.scene_file import load_scene
@@ -101,7 +102,15 @@ def plain(size=12.0, voxel=VOXEL, extinction: Extinction = "isotropic"):
 
 
 def seen(
-    box, samples=4, shadows="map", distance=0.08, pixels=40, towards=(0.3, -1.0, 0.4), lamps=LAMPS, field=7.5, **more
+    box,
+    samples=4,
+    shadows: Shadows = "map",
+    distance=0.08,
+    pixels=40,
+    towards=(0.3, -1.0, 0.4),
+    lamps=LAMPS,
+    field=7.5,
+    **more,
 ):
     """The green channel of a picture of the middle of the box, `field` mm wide, and how opaque it is."""
     direction = np.array(towards) / np.linalg.norm(towards)

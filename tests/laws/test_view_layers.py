@@ -13,6 +13,7 @@ from hagoromo.image.surface import Surface
 from hagoromo.light.colour import srgb_decode
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
+from hagoromo.reflectance.element import Element
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.box import VolumeBox
 from hagoromo_page.viewer.controls import Choice, Colour, Slider, VectorControl, body_of_rgb, controls, rgb_of_body
@@ -27,7 +28,7 @@ CAMERA = Camera(13, 11, (90.0, 90.0), (6.5, 5.5)).look_at((0.0, -1.0, 0.0), (0, 
 DENSE = 1e4  # extinction at which a voxel is opaque [1/m]
 
 
-def matte(element="plane", colour=0.8):
+def matte(element: Element = "plane", colour=0.8):
     return Reflectance(0.2, 0.1, 0.2, 1.5, Spectrum.constant(colour), element=element)
 
 

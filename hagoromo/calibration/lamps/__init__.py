@@ -16,5 +16,5 @@ from hagoromo.calibration.lamps.reference import matte_card as matte_card
 from hagoromo.calibration.lamps.reference import reference_strength as reference_strength
 from hagoromo.calibration.lamps.strength import Strength as Strength
 from hagoromo.calibration.lamps.strength import highlight_strength as highlight_strength
-from hagoromo.light.lamp_spread import Spread as Spread
+from hagoromo.light.lamp_spread import LampSpread as LampSpread
 from hagoromo.light.lamp_spread import check_spread as check_spread

@@ -1,0 +1,69 @@
+"""A scene on a worker: read once, and kept ready for rays or walks until another one is asked for.
+
+The file, and what it names, must lie where all workers find the same: a worker whose files differ refuses.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+from hagoromo.errors import InputError
+from hagoromo.files.content import content_with_named
+from hagoromo.image.modes import Mode
+from hagoromo.image.render import SceneCache
+from hagoromo.image.scene import Scene
+from hagoromo.image.scene_file import load_for_picture, load_scene
+from hagoromo.image.settings import Settings
+
+Ready = TypeVar("Ready")
+
+
+@dataclass(frozen=True)
+class SceneOrder:
+    """A scene file as a worker is to render it. digest: of the file and what it names."""
+
+    path: str
+    digest: str
+    settings: Settings
+    mode: Mode = "march"
+
+    @classmethod
+    def of(cls, scene: str | Path, settings: Settings, mode: Mode) -> SceneOrder:
+        """Of a file that lies here."""
+        path = Path(scene).absolute()
+        return cls(str(path), content_with_named(path, quick=True), settings, mode)
+
+
+class HeldScene:
+    """A scene that a worker has read, and one thing at a time that was made of it. cache: what is on the device."""
+
+    def __init__(self, order: SceneOrder) -> None:
+        if content_with_named(order.path, quick=True) != order.digest:
+            raise InputError(
+                f"{order.path}, or a file that it names, is another one on a worker: put them where all find the same"
+            )
+        by_march = order.mode == "march"  # light of higher orders comes from all of a box
+        self.scene: Scene = (load_for_picture(order.path, order.settings) if by_march else load_scene(order.path))[0]
+        self.order, self.cache = order, SceneCache()
+        self._made: tuple[Any, Any] | None = None
+
+    def ready(self, key: Any, make: Callable[[], Ready]) -> Ready:
+        """What `make` gives, unless the last thing had the same key; the last thing is let go before."""
+        if self._made is None or self._made[0] != key:
+            self._made = None
+            self._made = key, make()
+        return self._made[1]
+
+
+_held: list[HeldScene] = []  # one at most
+
+
+def held_scene(order: SceneOrder) -> HeldScene:
+    """The scene of an order, read now unless this worker has it."""
+    if not _held or _held[0].order != order:
+        _held.clear()  # before another one takes memory
+        _held.append(HeldScene(order))
+    return _held[0]
