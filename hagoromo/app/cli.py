@@ -165,7 +165,7 @@ def simulate(scene: Positional[Path], out: Out, force: Force = False) -> None:
         scene: scene TOML.
     """
     with whole_folder(out, force) as partial, progress_bar("simulate") as progress:
-        hg.simulate(scene, name=out.name, progress=progress).save(partial)
+        hg.simulate(scene, name=scene.stem, progress=progress).save(partial)
     wrote(out)
 
 
