@@ -48,8 +48,9 @@ def publish(
             page = hg.publish_scene(
                 measured, out, lamps=count, error=error, title=title, force=force, progress=progress
             )
-            said = str(page)
+            said = [str(page)]
         else:
-            said = str(hg.publish(measured, out, capture=capture, title=title, force=force, progress=progress))
-    say(said)
+            page = hg.publish(measured, out, capture=capture, title=title, force=force, progress=progress)
+            said = [str(page), *(f"lost of {each}" for each in page.lost)]
+    say(*said)
     wrote(out if out.suffix.lower() in (".html", ".htm") else out / "index.html")

@@ -239,6 +239,7 @@ def measure(
     for material in measurement.materials:
         names = [name for name, identifiable in material.identifiable.items() if identifiable]
         tails = "" if math.isinf(material.nu) else f", facets with tails of nu = {material.nu:.3g}"
+        tails += f", {1 + len(material.lobes)} lobes" if material.lobes else ""
         say(f"{material.name}: {material.pixels} pixels, identifiable: {', '.join(names) or 'no parameter'}{tails}")
     wrote(out / "report.html")
 

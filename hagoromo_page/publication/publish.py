@@ -16,6 +16,7 @@ from hagoromo.measurement.measurement_files import CAPTURE
 from hagoromo.measurement.photographed import Photographed, photographed
 from hagoromo.photograph.capture import Capture, load_capture
 from hagoromo.progress import Progress, silent
+from hagoromo.reflectance.parameters import losses
 from hagoromo_page.publication.document import document
 from hagoromo_page.publication.object_page import PageSource, single_page, tiled_page
 from hagoromo_page.publication.page_lamps import chosen
@@ -29,7 +30,8 @@ UNNAMED = "Measured object"
 @dataclass(frozen=True)
 class Published:
     """path: of the page. size: of the file, or of all files [bytes]. width, height: of the picture [px]. reduced: how
-    many pixels of the photographs one of the picture is wide. photographs: number of them on the page.
+    many pixels of the photographs one of the picture is wide. photographs: number of them on the page. lost: what the
+    page leaves out of the reflectances, a line for each material.
     """
 
     path: Path
@@ -38,6 +40,7 @@ class Published:
     height: int
     reduced: float
     photographs: int
+    lost: tuple[str, ...] = ()
 
     def __str__(self) -> str:
         """One line."""
@@ -83,7 +86,8 @@ def publish(
             size = sum(one.stat().st_size for one in home.rglob("*") if one.is_file())
     progress(1.0, "")
     width, height = page.size
-    return Published(target, size, width, height, page.reduced, len(page.viewer.photographs))
+    lost = tuple(losses("page", found.maps.materials))
+    return Published(target, size, width, height, page.reduced, len(page.viewer.photographs), lost)
 
 
 def page_source(measurement: Measurement, capture: Capture | None, name: str = "") -> PageSource:
