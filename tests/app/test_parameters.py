@@ -34,7 +34,7 @@ from hagoromo.transport.materials import Materials
 from hagoromo.transport.palette import palette_of
 from hagoromo_formats.convert import ConvertOptions, convert
 from hagoromo_formats.mitsuba import medium
-from hagoromo_formats.mitsuba.bsdf import bsdf
+from hagoromo_formats.mitsuba.bsdf import numbers_of
 from hagoromo_formats.mitsuba.read import scene_from_mitsuba
 from hagoromo_formats.mitsuba.write import write_mitsuba
 from hagoromo_formats.relightable import export as export_module
@@ -120,7 +120,7 @@ def of_mitsuba(made, folder):
     if made.element == "plane":
         said = write_mitsuba(scene_of(made), folder / "out")
     else:
-        bsdf(made)
+        numbers_of(made)
         raise AssertionError("the BSDF takes what is no plane")
     return contents(folder / "out"), said
 
@@ -223,7 +223,7 @@ def test_a_scene_or_volume_carries_or_names(outcome, form, name):
         pytest.skip("of cylinders only, which this is not")
     if form == "mitsuba" and (first.transmits or changed.transmits):
         with pytest.raises(InputError, match="light that passes through it"):
-            bsdf(changed)
+            numbers_of(changed)
         return
     before, after = outcome(form, first), outcome(form, changed)
     if after[0] == "refused":
