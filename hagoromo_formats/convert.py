@@ -29,6 +29,7 @@ from hagoromo.matter.build import build_to
 from hagoromo.photograph.gather import gather, size_of_images
 from hagoromo.photograph.lamp_files import LP, load_lamps, write_lp
 from hagoromo.progress import Progress, silent
+from hagoromo.reflectance.parameters import losses
 from hagoromo.volume.store.box_store import load_box
 from hagoromo_formats.cameras.lensfun import LensCamera, camera_by_lensfun
 from hagoromo_formats.volumes.volumes_out import Field
@@ -84,8 +85,8 @@ def convert(
     where `out` is a name without suffix, a folder for Mitsuba; returned is what was made up or lost.
     A mesh or picture is written as another; to = "spectral" writes the spectral radiance of a rendered image.
     An `out` that ends in .zarr gets the volume box of a volume file; a box is written as OpenVDB, NRRD, VTI or
-    .vol. `options`: what is needed for that. `InputError` for an unknown format, one that `out` cannot hold, and
-    contradictions.
+    .vol; returned is what is lost of its materials. `options`: what is needed for that. `InputError` for an unknown
+    format, one that `out` cannot hold, and contradictions.
 
     >>> from tempfile import mkdtemp
     >>> home = Path(mkdtemp())
@@ -251,8 +252,8 @@ def _material(path: Path) -> dict[str, Any]:
     return material | named
 
 
-def _box(found: Format, job: Job) -> None:
-    """A volume box as a volume of another program."""
+def _box(found: Format, job: Job) -> list[str]:
+    """A volume box as a volume of another program; what is lost of its materials, a line each."""
     form = job.target("volume")
     if form is None:
         written = [suffix for form in formats_of("volume") if form.writer for suffix in form.suffixes]
@@ -261,7 +262,10 @@ def _box(found: Format, job: Job) -> None:
         )
     replaceable_file(job.out, job.force)
     source = job.source if address(job.source) else Path(job.source)
-    form.write(load_box(source), job.out, job.options.field)
+    box = load_box(source)
+    form.write(box, job.out, job.options.field)
+    colours = job.options.field == "colour"  # a file of colours holds as much of a material as a .vti
+    return losses("vti" if colours else form.suffixes[0][1:], box.materials)
 
 
 CONVERSIONS: dict[Holds, Callable[[Format, Job], Any]] = {

@@ -32,5 +32,6 @@ def export(
         record = hg.export(measured, to, out, capture=capture, force=force, progress=progress)
     for name, loss in record["formats"].items():
         error = loss.get("rms_error_before_quantisation")
-        say(f"{name}: {loss['lost']}" + ("" if error is None else f"; rms error {100 * error:.1f} % of white"))
+        say(f"{name}: lost: {loss['lost']}" + ("" if error is None else f"; rms error {100 * error:.1f} % of white"))
+        say(*(f"{name}: lost of {each}" for each in loss["lost_of_materials"]))
     wrote(out / "export.json")

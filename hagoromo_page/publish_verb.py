@@ -32,7 +32,7 @@ def publish(
     Args:
         measured: folder that `measure` wrote, BOX.zarr, or SCENE.toml.
         capture: folder that was measured: photographs to compare with.
-        title: of the page; without one the name of the object.
+        title: of the page: what the object is called; without it the name that the capture, or the box, states.
         error: of display values between the lamps of a box or scene, of 255: lamps are added until it is reached,
             512 at most; without it, as many as --lamps says.
     """
@@ -48,8 +48,9 @@ def publish(
             page = hg.publish_scene(
                 measured, out, lamps=count, error=error, title=title, force=force, progress=progress
             )
-            said = str(page)
+            said = [str(page)]
         else:
-            said = str(hg.publish(measured, out, capture=capture, title=title, force=force, progress=progress))
-    say(said)
+            page = hg.publish(measured, out, capture=capture, title=title, force=force, progress=progress)
+            said = [str(page), *(f"lost of {each}" for each in page.lost)]
+    say(*said)
     wrote(out if out.suffix.lower() in (".html", ".htm") else out / "index.html")

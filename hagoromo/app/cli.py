@@ -165,7 +165,7 @@ def simulate(scene: Positional[Path], out: Out, force: Force = False) -> None:
         scene: scene TOML.
     """
     with whole_folder(out, force) as partial, progress_bar("simulate") as progress:
-        hg.simulate(scene, name=out.name, progress=progress).save(partial)
+        hg.simulate(scene, name=scene.stem, progress=progress).save(partial)
     wrote(out)
 
 
@@ -239,6 +239,7 @@ def measure(
     for material in measurement.materials:
         names = [name for name, identifiable in material.identifiable.items() if identifiable]
         tails = "" if math.isinf(material.nu) else f", facets with tails of nu = {material.nu:.3g}"
+        tails += f", {1 + len(material.lobes)} lobes" if material.lobes else ""
         say(f"{material.name}: {material.pixels} pixels, identifiable: {', '.join(names) or 'no parameter'}{tails}")
     wrote(out / "report.html")
 

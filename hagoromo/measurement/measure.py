@@ -198,7 +198,8 @@ def _measure_tiles(
     workers: Workers | None,
 ) -> Measurement:
     coarse, fine = solve_large(source, scratch, distance, progress, model, workers)
-    measurement = with_solved_shape(coarse.capture, coarse.normal_map, coarse.surface)
+    capture = replace(coarse.capture, name=source.name)
+    measurement = with_solved_shape(capture, coarse.normal_map, coarse.surface)
     materials = tuple(replace(one, remarks=(*one.remarks, *fine.remarks())) for one in measurement.materials)
     return replace(measurement, materials=materials, body_spectra=body_spectra(coarse.capture, materials), fine=fine)
 

@@ -72,6 +72,11 @@ class Capture:
     seed: int | None = None
     assumptions: Mapping[str, str] = field(default_factory=dict)
 
+    @property
+    def own_name(self) -> str:
+        """The name that it states; "" where that is only its folder's, which says where the files are."""
+        return "" if self.folder is not None and self.name == self.folder.resolve().name else self.name
+
     def __post_init__(self) -> None:
         """Check that the parts match."""
         object.__setattr__(self, "photographs", tuple(self.photographs))
@@ -189,7 +194,8 @@ def save_capture(capture: Capture, folder: str | Path, force: bool = False) -> P
             shared["assumptions"] = dict(capture.assumptions)
         own = [{k: v for k, v in frame.items() if k not in shared or shared[k] != v} for frame in frames]
         listed = [json.loads(lamp) for lamp in lamps]
-        top = {"hagoromo": written_by(capture.settings, capture.seed), "name": capture.name, **shared}
+        named = {"name": capture.own_name} if capture.own_name else {}
+        top = {"hagoromo": written_by(capture.settings, capture.seed), **named, **shared}
         write_json(home / TRANSFORMS, {**top, "lamps": listed, "frames": own})
     return Path(folder)
 

@@ -77,7 +77,7 @@ def capture_to(asked: Session, out: str | Path, force: bool = False, progress: P
             (home / MASKS).rmdir()
         for picture, pixels in asked.pictures.items():
             write_png(home / picture, pixels)
-        _write_transforms(asked, frames, lamps, home, Path(out).name, found is not None)
+        _write_transforms(asked, frames, lamps, home, found is not None)
     remarks = (*asked.remarks, *lamp_remarks(asked.lamps, asked.view))
     named = {
         path.stem: lamp.name or "without a name" for path, lamp in zip(asked.paths.values(), asked.lamps, strict=True)
@@ -124,7 +124,7 @@ def _write_frame(
 
 
 def _write_transforms(
-    asked: Session, frames: list[dict[str, Any]], lamps: dict[str, int], home: Path, name: str, masked: bool
+    asked: Session, frames: list[dict[str, Any]], lamps: dict[str, int], home: Path, masked: bool
 ) -> None:
     shared = shared_keys(frames)
     if asked.response is not None:
@@ -133,5 +133,5 @@ def _write_transforms(
         shared["mask_path"] = OBJECT_MASK
     shared["assumptions"] = asked.assumptions
     own = [{k: v for k, v in frame.items() if k not in shared or shared[k] != v} for frame in frames]
-    top = {"hagoromo": written_by(), "name": name, **shared}
+    top = {"hagoromo": written_by(), **shared}
     write_json(home / TRANSFORMS, {**top, "lamps": [json.loads(lamp) for lamp in lamps], "frames": own})

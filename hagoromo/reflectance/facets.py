@@ -18,6 +18,7 @@ from hagoromo.backend import Bool, Float
 LN2 = math.log(2.0)
 GAUSSIAN = math.inf  # the exponent ν of the facets of eq. (4)
 HALF_OF_GGX = math.sqrt(math.sqrt(2.0) - 1.0)  # tan γ over the width α of GGX, whose slopes are half as dense there
+TAILS_OF_GGX = 2.0  # exponent ν of GGX at small angles: (1 + tan²θ/α²)^−2
 LEAST_NU = 0.3  # below it D falls so slowly that its width is that of the hemisphere, whatever γ is
 TailExponent = Annotated[float, Meta(ge=LEAST_NU)]  # ν of a file
 LARGEST_NODE_NU = 1e4

@@ -6,6 +6,7 @@ from typing import Any
 
 from hagoromo.errors import InputError
 from hagoromo.reflectance.facets import is_gaussian
+from hagoromo.reflectance.parameters import lost
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo_formats.mitsuba.colours import colour_of
 
@@ -33,10 +34,8 @@ def bsdf(reflectance: Reflectance) -> dict[str, Any]:
 def numbers_of(reflectance: Reflectance) -> dict[str, Any]:
     """What the plugin takes of a reflectance beside its two colours; `InputError` for what is no surface."""
     who = f"reflectance {reflectance.name!r}"
-    if reflectance.element != "plane":
-        raise InputError(f"{who} has element {reflectance.element!r}: Mitsuba's BSDF is of a surface: give a 'plane'")
-    if reflectance.transmits:
-        raise InputError(f"{who} has transmission, which the BSDF has not: give transmission = 0")
+    if said := lost("mitsuba", reflectance):
+        raise InputError(f"{who}: Mitsuba's BSDF has no place for {said}: give a 'plane' with transmission = 0")
     record: dict[str, Any] = {key: float(getattr(reflectance, key)) for key in NUMBERS}
     record |= {} if is_gaussian(reflectance.nu) else {"nu": float(reflectance.nu)}
     record |= {} if reflectance.has_lambert_body else {"epsilon": reflectance.epsilon, "sigma": reflectance.sigma}

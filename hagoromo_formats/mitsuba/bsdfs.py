@@ -14,7 +14,7 @@ from hagoromo.files.checks import inside
 from hagoromo.light.environment import upsampled
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.light.spectrum_file import read_spectrum_file
-from hagoromo.reflectance.facets import HALF_OF_GGX
+from hagoromo.reflectance.facets import HALF_OF_GGX, TAILS_OF_GGX
 from hagoromo.reflectance.reflectance import LARGEST_BETA, Reflectance
 from hagoromo.reflectance.torrance_sparrow import fresnel
 from hagoromo_formats.mitsuba.bsdf import NAME, NUMBERS
@@ -34,7 +34,6 @@ SMOOTH_COAT = 0.02  # roughness that stands for a smooth coat
 CONDUCTOR_N = 10.0  # the largest index: its Fresnel curve is flatter than that of any other
 HALVINGS = 10  # of the span of indices
 SMALL = 1e-6  # a β whose light is asked
-TAILS = 2.0  # exponent of GGX at small angles: (1 + tan²θ/α²)^−2
 
 
 AIR, SAME_INDEX = 1.000277, 1e-3  # refractive index, and how near two are alike
@@ -237,7 +236,7 @@ class Converter:
         width = min(max(width, 1e-3), 1.0)
         record: dict[str, Any] = {"beta": factor / (4.0 * math.pi * width * width)}
         if bsdf.get("distribution", "beckmann") == "ggx":
-            return record | {"gamma": math.atan(width * HALF_OF_GGX), "nu": TAILS}
+            return record | {"gamma": math.atan(width * HALF_OF_GGX), "nu": TAILS_OF_GGX}
         return record | {"gamma": math.atan(width * math.sqrt(math.log(2.0)))}
 
     def conserving(self, record: dict[str, Any], colour: Spectrum, who: str) -> dict[str, Any]:

@@ -8,6 +8,7 @@ which planes and fibres are the limits, blended by their shares of the light. Wh
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from hagoromo.errors import InputError
 from hagoromo.files.memory import require
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.facets import HALF_OF_GGX
+from hagoromo.reflectance.parameters import lost as lost_parameters
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.box import VolumeBox
 from hagoromo_formats.mitsuba.colours import LIMITS
@@ -58,7 +60,7 @@ def _lost(box: VolumeBox) -> list[str]:
     who, (first, *others) = f"volume box {box.name!r}", box.materials
     lost = [f"{who}: {len(others)} of its materials: all voxels have the first"] if others else []
     lost += [f"{who}: the colours of its voxels"] if box.basis else []
-    lost += [f"{who}: light that passes through its elements"] if first.transmits else []
+    lost += [f"{who}: {said}"] if (said := lost_parameters("mitsuba medium", first)) else []
     lost += [f"{who}: the offset of its shadows"] if box.shadow_bias else []
     if first.element != "sphere":
         lost.append(
@@ -92,8 +94,6 @@ def shares_of(material: Reflectance) -> tuple[float, float]:
 
 def _sphere(material: Reflectance, cosines: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Weights of a sphere of the material at cosχ = L·V [1/sr]."""
-    from dataclasses import replace
-
     real, even = arrays().Array3f64, {"epsilon": 0.0, "sigma": 0.0, "transmission": 0.0, "clearness": 0.0}
     ball = replace(material, element="sphere", **even)
     sine = np.sqrt(np.maximum(1.0 - cosines**2, 0.0))

@@ -17,6 +17,8 @@ from hagoromo.files.whole import whole_folder
 from hagoromo.measurement.measurement import Measurement
 from hagoromo.photograph.capture import Capture, load_capture
 from hagoromo.progress import Progress, silent
+from hagoromo.reflectance.material.material_estimate import MaterialEstimate
+from hagoromo.reflectance.parameters import EVIDENCE, EXPORTS, PICTURES, PLANES, losses
 from hagoromo_formats.relightable.materialx import LOSS, write_materialx
 from hagoromo_formats.relightable.mesh import albedo_map, points, roughness, write_mesh
 from hagoromo_formats.relightable.rti import BASES, WRITERS, fitted
@@ -26,17 +28,17 @@ from hagoromo_page.publication.surface_maps import SurfaceMaps
 
 LAMPS, TESTED = 60, 12  # directions that relightable formats are fitted to, and tested with
 FULL = 65535.0
-PLANES = ("png", "tiff", "exr")
-FORMATS = (*PLANES, "glb", "ply", *WRITERS, "csv", "materialx")
+FORMATS = EXPORTS
+# What every object loses; what its reflectances lose, by their parameters, is said by `losses`
 LOST = {
-    "png": "normals, albedo, roughness and depth in 65535 steps; spectra, tails of facets and uncertainty are lost",
+    "png": "normals, albedo, roughness and depth in 65535 steps; spectra are lost",
     "tiff": "as png",
-    "exr": "nothing of normals, albedo and depth but single precision; spectra and uncertainty are not in it",
-    "glb": "one roughness for the whole object; no interface colour, no tails; steep steps of depth are holes",
-    "ply": "colours of 8 bits per vertex and no gloss; steep steps of depth are holes",
-    "csv": "the covariance of the spectra",
+    "exr": "nothing of normals, albedo and depth but single precision; spectra are not in it",
+    "glb": "one roughness for the whole object; steep steps of depth are holes",
+    "ply": "colours of 8 bits per vertex; steep steps of depth are holes",
+    "csv": "all but the spectra of bodies, and the covariance of these",
     "materialx": LOSS,
-}
+} | dict.fromkeys(PICTURES, "highlights become broad, cast shadows and spectra are lost; display values (sRGB curve)")
 
 
 def export(
@@ -65,7 +67,7 @@ def export(
         raise InputError("the measurement has no spectra: they need the lamp's spectrum and the camera's response")
     if {"glb", "ply"} & set(formats):
         points(maps)
-    losses: dict[str, Any] = {name: {"lost": LOST[name]} for name in formats if name in LOST}
+    record_of: dict[str, Any] = {name: _lost(name, source.materials) for name in formats}
     with whole_folder(out, force) as home:
         for name in formats:
             if name in PLANES:
@@ -80,15 +82,21 @@ def export(
             write_materialx(home / "materials.mtlx", source.materials)
         relightable = [name for name in formats if name in WRITERS]
         if relightable:
-            losses |= _write_relightable(home, relightable, maps, progress)
+            for name, written in _write_relightable(home, relightable, maps, progress).items():
+                record_of[name] |= written
         record = {
-            "formats": losses,
+            "formats": record_of,
             "axes": "x right, y up, z to the camera",
             "lengths": "m" if maps.has_scale else "no scale is known: depths and meshes are not in metres",
             "hagoromo": written_by(),
         }
         write_json(home / "export.json", record)
     return record
+
+
+def _lost(form: str, materials: Sequence[MaterialEstimate]) -> dict[str, Any]:
+    """What a format loses: of every object, and of the reflectance of each material."""
+    return {"lost": f"{LOST[form]}; {EVIDENCE}", "lost_of_materials": losses(form, materials)}
 
 
 def _write_planes(home: Path, kind: str, maps: SurfaceMaps) -> None:
@@ -140,7 +148,7 @@ def _write_spectra(path: Path, measurement: Measurement) -> None:
 
 
 def _write_relightable(home: Path, names: Sequence[str], maps: SurfaceMaps, progress: Progress) -> dict[str, Any]:
-    """Write the relightable formats; gives what each loses, with its error under lamps that it was not fitted to."""
+    """Write the relightable formats; gives the file of each, with its error under lamps that it was not fitted to."""
     white, directions = white_level(maps), hemisphere(LAMPS)
     pictures = []
     for number, to_lamp in enumerate(directions):
@@ -148,13 +156,12 @@ def _write_relightable(home: Path, names: Sequence[str], maps: SurfaceMaps, prog
         pictures.append(shown(reflected(maps, to_lamp), white))
     tested = hemisphere(TESTED, 0.25)
     truth = np.array([shown(reflected(maps, to_lamp), white)[maps.known] for to_lamp in tested])
-    losses = {}
+    written = {}
     for name in names:
         file, write = WRITERS[name]
         write(home / file, pictures, directions)
         terms = fitted(pictures, BASES[name](directions))[:, maps.known]
         again = np.clip(np.einsum("lt,tkc->lkc", BASES[name](tested), terms), 0.0, 1.0)
         error = float(np.sqrt(np.mean((again - truth) ** 2)))
-        lost = "highlights become broad, cast shadows and spectra are lost; display values (sRGB curve)"
-        losses[name] = {"file": file, "lost": lost, "rms_error_before_quantisation": error}
-    return losses
+        written[name] = {"file": file, "rms_error_before_quantisation": error}
+    return written

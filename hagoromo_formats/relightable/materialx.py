@@ -10,13 +10,11 @@ from xml.etree import ElementTree
 import numpy as np
 
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
+from hagoromo.reflectance.parameters import lost
 from hagoromo_formats.relightable.mesh import roughness
 from hagoromo_page.publication.lit import three_channels
 
-LOSS = (
-    "Approximation: Gaussian or tailed facets become GGX of the same half width; the interface's own albedo, its "
-    "colour per channel where measured, and the body's exponent epsilon are dropped; colours are the camera's channels."
-)
+LOSS = "an approximation: facets become those of GGX, of the same half width; colours are the camera's channels"
 
 
 def write_materialx(path: Path, materials: Sequence[MaterialEstimate]) -> None:
@@ -24,8 +22,9 @@ def write_materialx(path: Path, materials: Sequence[MaterialEstimate]) -> None:
     root = ElementTree.Element("materialx", {"version": "1.39", "colorspace": "lin_rec709"})
     for number, material in enumerate(materials):
         name = f"m{number}_" + re.sub(r"\W+", "_", material.name, flags=re.ASCII)
+        said = "; ".join(filter(None, [LOSS, lost("materialx", material)]))
         shader = ElementTree.SubElement(
-            root, "standard_surface", {"name": f"{name}_shader", "type": "surfaceshader", "doc": LOSS}
+            root, "standard_surface", {"name": f"{name}_shader", "type": "surfaceshader", "doc": f"Lost: {said}"}
         )
         colour = np.clip(np.pi * material.alpha * three_channels(np.array(material.body_colour)), 0.0, 1.0)
         inputs = {

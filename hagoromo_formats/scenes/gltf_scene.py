@@ -236,7 +236,7 @@ def gltf_from_scene(scene: Scene, out: str | Path, force: bool = False) -> list[
     lost += [f"{len(scene.area_lamps)} area lamps"] if scene.area_lamps else []
     lost += ["the environment"] if scene.environment else []
     lost += [f"surface {s.name!r}: the light that it gives off" for s in scene.surfaces if s.emission]
-    lost += lost_textures + list(lost_gloss(scene.surfaces))
+    lost += lost_textures + list(lost_gloss(scene.surfaces, "gltf"))
     lost.append("spectra (colours are linear sRGB)")
     return [*lost, "where between two pixels the optical axis is"]
 

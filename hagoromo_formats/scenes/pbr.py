@@ -20,9 +20,10 @@ from hagoromo.image.surface import Surface
 from hagoromo.light.colour import linear_colour
 from hagoromo.light.environment import upsampled
 from hagoromo.light.spectrum import Spectrum
-from hagoromo.reflectance.facets import HALF_OF_GGX
+from hagoromo.reflectance.facets import HALF_OF_GGX, TAILS_OF_GGX
+from hagoromo.reflectance.parameters import lost
 from hagoromo.reflectance.reflectance import LARGEST_BETA
-from hagoromo_formats.mitsuba.bsdfs import CONDUCTOR_N, TAILS, Converter, largest_beta
+from hagoromo_formats.mitsuba.bsdfs import CONDUCTOR_N, Converter, largest_beta
 
 WIDEST = 1.5  # rad, of a tangent
 NARROWEST = 2e-4  # a, of maps
@@ -115,20 +116,16 @@ def specular_of(beta: ArrayLike, roughness: ArrayLike) -> Array:
     return 4.0 * math.pi * np.asarray(roughness, np.float64) ** 4 * np.asarray(beta, np.float64)
 
 
-def lost_gloss(surfaces: Sequence[Surface]) -> Iterator[str]:
-    """What no such material holds of the gloss and body of surfaces, a line each."""
+def lost_gloss(surfaces: Sequence[Surface], form: str) -> Iterator[str]:
+    """What such a material of glTF or USD does not hold of the gloss and body of surfaces, a line each."""
     for surface in surfaces:
         made = surface.reflectance
-        if surface.optics or not made.beta > 0.0:
+        if surface.optics:
             continue
-        if made.nu != TAILS:
-            yield f"surface {surface.name!r}: the tails of its facets, in place of which those of GGX stand"
-        if made.lobes:
-            yield f"surface {surface.name!r}: its further lobes"
-        if surface.gamma_texture is None and math.tan(min(made.gamma, WIDEST)) > HALF_OF_GGX:
+        if said := lost(form, made):
+            yield f"surface {surface.name!r}: {said}"
+        if made.beta > 0.0 and surface.gamma_texture is None and math.tan(min(made.gamma, WIDEST)) > HALF_OF_GGX:
             yield f"surface {surface.name!r}: facets wider than the widest of GGX, 33°"
-    if any(not s.reflectance.has_lambert_body or s.reflectance.transmits for s in surfaces):
-        yield "how bodies darken and brighten at grazing angles, light that passes through sheets"
 
 
 def linear(spectrum: Spectrum) -> Array:
@@ -176,7 +173,7 @@ def surface_of(given: PbrMaterial, to: Converter, who: str, folder: Path, name: 
     strength = top / normal_fresnel(n)
     narrowest = max(math.sqrt(strength / (4.0 * math.pi * LARGEST_BETA)), NARROWEST)
     alpha = (1.0 - metal) * max(1.0 - top * share, 0.0) / math.pi
-    made = {"alpha": alpha, "n": n, "nu": TAILS, "body_colour": body.record()}
+    made = {"alpha": alpha, "n": n, "nu": TAILS_OF_GGX, "body_colour": body.record()}
     to.say(f"{who}: how its gloss dims the body at grazing angles")
     if not given.mapped:
         width = max(rough * rough, narrowest)

@@ -83,7 +83,7 @@ def _lost(scene: Scene) -> Iterator[str]:
             yield f"surface {surface.name!r}: the absorption within its glass, which is clear"
         if surface.emission is not None:
             yield f"surface {surface.name!r}: the light that it gives off"
-    yield from lost_gloss(scene.surfaces)
+    yield from lost_gloss(scene.surfaces, "usd")
     yield "spectra (colours are linear sRGB under D65)"
 
 

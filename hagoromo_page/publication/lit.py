@@ -12,8 +12,10 @@ from numpy.typing import NDArray
 
 from hagoromo.backend import arrays
 from hagoromo.reflectance.element import element_weights
+from hagoromo.reflectance.material.material_estimate import MaterialEstimate
 from hagoromo_page.publication.surface_maps import SurfaceMaps
 
+NARROWEST = 1e-3  # rad, of a highlight: what is unknown has a width of 0
 Array = NDArray[Any]
 
 
@@ -35,30 +37,37 @@ def reflected(maps: SurfaceMaps, to_lamp: Array) -> Array:
     """(h, w, 3) linear values under a far lamp of irradiance π that is as white as the interface; no cast shadows."""
     known = maps.known
     ray = _to_eye(maps)[known]
-    normal, lamp, eye = _vector(maps.normals[known]), _vector(np.broadcast_to(to_lamp, ray.shape)), _vector(ray)
-    jit = arrays()
-    result = np.zeros((*known.shape, 3))
-    labels = maps.labels[known]
-    colours = three_channels(maps.body)[known]
+    vectors = _vector(maps.normals[known]), _vector(np.broadcast_to(to_lamp, ray.shape)), _vector(ray)
+    labels, colours = maps.labels[known], three_channels(maps.body)[known]
     values = np.zeros((len(labels), 3))
     for number, material in enumerate(maps.materials):
-        if not (labels == number).any():
-            continue
-        beta = np.full(len(labels), material.beta) if maps.beta is None else maps.beta[known]
-        gamma = np.full(len(labels), material.gamma) if maps.gamma is None else maps.gamma[known]
-        nu = material.nu
-        if maps.tail is not None:
-            tail = maps.tail[known]
-            nu = jit.Float(np.where(tail > 0.0, 1.0 / np.maximum(tail, 1e-6), np.inf))
-        weights = element_weights(
-            "plane", normal, lamp, eye, 1.0, jit.Float(beta), jit.Float(np.maximum(gamma, 1e-3)), material.n,
-            nu, material.epsilon, material.sigma,
-        )  # fmt: skip
-        body, interface = np.array(weights.body), np.array(weights.interface)
-        lit = body[:, None] * colours + interface[:, None] * three_channels(np.array(material.interface_colour))
-        values = np.where((labels == number)[:, None], lit, values)
+        if (labels == number).any():
+            body, interface = _weights(maps, material, vectors)
+            lit = body[:, None] * colours + interface[:, None] * three_channels(np.array(material.interface_colour))
+            values = np.where((labels == number)[:, None], lit, values)
+    result = np.zeros((*known.shape, 3))
     result[known] = np.pi * values
     return result
+
+
+def _weights(maps: SurfaceMaps, material: MaterialEstimate, vectors: tuple[Any, Any, Any]) -> tuple[Array, Array]:
+    """Weights of body, for α = 1, and interface (P,) [1/sr] of the known pixels, if all were of a material.
+
+    vectors: normals, directions to the lamp and to the eye. Pixels have their own gloss where it is known.
+    """
+    known, real = maps.known, arrays().Float
+    beta = material.beta if maps.beta is None else maps.beta[known]
+    gamma = material.gamma if maps.gamma is None else maps.gamma[known]
+    nu: Any = material.nu
+    if maps.tail is not None:
+        tail = maps.tail[known]
+        nu = real(np.where(tail > 0.0, 1.0 / np.maximum(tail, 1e-6), np.inf))
+    first, *further = [(real(b), real(np.maximum(g, NARROWEST))) for b, g in material.all_lobes(beta, gamma)]
+    whole = element_weights("plane", *vectors, 1.0, *first, material.n, nu, material.epsilon, material.sigma)
+    interface = whole.interface
+    for one in further:
+        interface = interface + element_weights("plane", *vectors, 0.0, *one, material.n).interface
+    return np.array(whole.body), np.array(interface)
 
 
 def shown(values: Array, white: float) -> Array:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,8 @@ from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.measurement.photographed import Photographed
 from hagoromo.photograph.photograph import Photograph
+from hagoromo.reflectance.material.material_estimate import MaterialEstimate
+from hagoromo.reflectance.parameters import EVIDENCE, losses
 from hagoromo_page.publication.colours import PageColours, page_colours
 from hagoromo_page.publication.document import Viewer, overhead
 from hagoromo_page.publication.page_lamps import PageLamp, jpeg_text, middle_of, page_lamp, photograph_picture
@@ -32,6 +35,12 @@ PHOTOGRAPHS_SHARE = 0.25  # of the bytes of a page
 TILE_SIDE, RAY_CELLS = 512, 32
 DISPLAY_KEY = 0.8  # display value of the brightest body under the first lamp of the page
 FIRST_LAMP = (-0.33, 0.36)  # on the page's disc, as in viewer.js
+# What the shader reads of a material; the colours of its parts and α are in `colours` and in the map of bodies
+ENTRIES: dict[str, Callable[[MaterialEstimate], Any]] = {
+    **{key: attrgetter(key) for key in ("beta", "gamma", "n", "epsilon", "sigma")},
+    "tail": lambda one: 1.0 / one.nu,
+    "lobes": lambda one: [list(lobe) for lobe in one.all_lobes(1.0, 1.0)[1:]],  # in β and γ of the first one
+}
 LEAST_BYTES = 5000  # of a picture
 GENTLE = 0.97  # how much more than needed a picture is reduced
 
@@ -142,10 +151,8 @@ def _data(
         "rays": _rays(maps),
         "middle": middle.tolist(),
         "scales": made.scales,
-        "materials": [
-            {key: getattr(one, key) for key in ("beta", "gamma", "n", "epsilon", "sigma")} | {"tail": 1.0 / one.nu}
-            for one in maps.materials
-        ],
+        "materials": [{key: entry(one) for key, entry in ENTRIES.items()} for one in maps.materials],
+        "lobes": max(len(one.lobes) for one in maps.materials),
         "colours": colours.record(),
         "lamps": [one.record() for one in lamps],
         "photographs": listed,
@@ -169,6 +176,7 @@ def _own_assumptions(maps: SurfaceMaps, colours: PageColours) -> list[str]:
             "Colours are those of the camera's channels, shown as red, green and blue: its response or the spectrum of "
             "the lamps is not known. With both, other lamps and the eye could be chosen."
         )
+    said += [f"Left out: {loss}." for loss in (*losses("page", maps.materials), EVIDENCE)]
     vague = [one.name for one in maps.materials if one.beta > 0.0 and not one.identifiable.get("gamma", True)]
     if vague:
         said.append(f"The highlight is not determined by the photographs, and shown as they allow: {', '.join(vague)}.")
@@ -276,10 +284,11 @@ def page_views(maps: SurfaceMaps, scales: dict[str, Any]) -> tuple[list[dict[str
         "peak": _peaks(maps, scales),
     }
     if glossy or "gamma" in scales:
+        which = " of the first lobe" if any(one.lobes for one in maps.materials) else ""
         low, high = (f"{math.degrees(one):.2g}°" for one in legend["gamma"])
-        views.append(_scaled("Gloss: width", 3, low, "half width of the highlight γ", high))
+        views.append(_scaled("Gloss: width", 3, low, f"half width of the highlight γ{which}", high))
         low, high = (f"{one:.2g}" for one in legend["peak"])
-        views.append(_scaled("Gloss: strength", 4, low, "peak of the highlight β F₀ [1/sr]", high))
+        views.append(_scaled("Gloss: strength", 4, low, f"peak of the highlight β F₀{which} [1/sr]", high))
     if "normal_error" in scales:
         low, high = (f"{math.degrees(one):.2g}°" for one in scales["normal_error"])
         views.append(_scaled("Error: normal", 5, low, "standard error of the normal", high) | {"error": "normal_error"})

@@ -5,16 +5,18 @@ Enters: a Measurement or its folder. Leaves: HTML that needs neither server nor 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from hagoromo.camera.unplaced import is_unplaced
 from hagoromo.errors import InputError
 from hagoromo.files.whole import whole_file, whole_folder
 from hagoromo.measurement.measurement import Measurement
+from hagoromo.measurement.measurement_files import CAPTURE
 from hagoromo.measurement.photographed import Photographed, photographed
 from hagoromo.photograph.capture import Capture, load_capture
 from hagoromo.progress import Progress, silent
+from hagoromo.reflectance.parameters import losses
 from hagoromo_page.publication.document import document
 from hagoromo_page.publication.object_page import PageSource, single_page, tiled_page
 from hagoromo_page.publication.page_lamps import chosen
@@ -22,12 +24,14 @@ from hagoromo_page.publication.surface_maps import surface_maps
 
 LIMIT_BYTES = 5_000_000  # of a page that is one file
 MOST_PHOTOGRAPHS = 8  # of a page
+UNNAMED = "Measured object"
 
 
 @dataclass(frozen=True)
 class Published:
     """path: of the page. size: of the file, or of all files [bytes]. width, height: of the picture [px]. reduced: how
-    many pixels of the photographs one of the picture is wide. photographs: number of them on the page.
+    many pixels of the photographs one of the picture is wide. photographs: number of them on the page. lost: what the
+    page leaves out of the reflectances, a line for each material.
     """
 
     path: Path
@@ -36,6 +40,7 @@ class Published:
     height: int
     reduced: float
     photographs: int
+    lost: tuple[str, ...] = ()
 
     def __str__(self) -> str:
         """One line."""
@@ -59,17 +64,14 @@ def publish(
     measured: a `Measurement`, or its folder. out: NAME.html, one file of at most `limit` bytes, for which the picture
     is reduced where it must be; any other name is a folder with index.html and tiles at full resolution. capture: that
     was measured, or its folder: photographs to compare with; a `Measurement` that was just made has its own. title: of
-    the page; without one the name of the capture or of the folder.
+    the page, which is the object's name; without one the name that the capture states (`name` of transforms.json).
 
     `InputError` for a measurement of version 0.2 without its capture, or one that does not fit to it.
     """
     target = Path(out)
     source = measured if isinstance(measured, Measurement) else Measurement.load(measured)
     shots = capture if isinstance(capture, Capture) or capture is None else load_capture(capture)
-    named = "" if isinstance(measured, Measurement) else Path(measured).resolve().name
-    found = page_source(source, shots, named)
-    if title:
-        found = replace(found, maps=replace(found.maps, name=title))
+    found = page_source(source, shots, title)
     progress(0.3, "maps")
     if target.suffix.lower() in (".html", ".htm"):
         page = single_page(found, limit)
@@ -84,11 +86,12 @@ def publish(
             size = sum(one.stat().st_size for one in home.rglob("*") if one.is_file())
     progress(1.0, "")
     width, height = page.size
-    return Published(target, size, width, height, page.reduced, len(page.viewer.photographs))
+    lost = tuple(losses("page", found.maps.materials))
+    return Published(target, size, width, height, page.reduced, len(page.viewer.photographs), lost)
 
 
 def page_source(measurement: Measurement, capture: Capture | None, name: str = "") -> PageSource:
-    """What a page of `measurement` is made of; see `publish`."""
+    """What a page of `measurement` is made of; see `publish`. name: of the object; "": that of the capture."""
     shots = capture or measurement.capture
     height, width = (measurement if measurement.fine is None else measurement.fine).labels.shape
     if capture is not None and capture.photographs[0].values.shape[:2] != (height, width):
@@ -103,8 +106,8 @@ def page_source(measurement: Measurement, capture: Capture | None, name: str = "
             "the measurement does not say which camera and lamps it was made with: give its capture (--capture)"
         )
     camera = taken.camera
-    title = (shots.name if shots is not None else "") or name or "Measured object"
-    maps = surface_maps(measurement, camera, title, has_scale(measurement, taken))
+    stated = ("" if shots is None else shots.own_name) or str(measurement.settings.get(CAPTURE, ""))
+    maps = surface_maps(measurement, camera, name or stated or UNNAMED, has_scale(measurement, taken))
     fitting = [] if shots is None else [one for one in shots.photographs if one.values.shape[:2] == (height, width)]
     assumed = measurement.assumptions.items()
     assumptions = tuple(f"{what.capitalize()}: {said.removesuffix('.')}." for what, said in assumed)

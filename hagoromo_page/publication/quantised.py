@@ -64,7 +64,10 @@ def quantised(maps: SurfaceMaps, scales: dict[str, Any] | None = None) -> Quanti
 def scale_of(maps: SurfaceMaps) -> dict[str, Any]:
     """Bits of the normals and ranges of the other planes."""
     known = maps.known
-    widths = maps.gamma[known] if maps.gamma is not None else [one.gamma for one in maps.materials if one.beta > 0.0]
+    narrowest = [min(width for _, width in one.all_lobes(1.0, 1.0)) for one in maps.materials]  # lobe, in γ
+    widths = [one.gamma * least for one, least in zip(maps.materials, narrowest, strict=True) if one.beta > 0.0]
+    if maps.gamma is not None:
+        widths = maps.gamma[known] * np.array(narrowest)[maps.labels[known]]
     gamma = float(np.percentile(widths, 1)) if len(widths) else math.pi / 2
     bits = math.ceil(math.log2(STRETCH * STEEPEST * 2.0 / max(gamma, 1e-4)))
     scales: dict[str, Any] = {

@@ -17,7 +17,7 @@ from tests.inverse.simulated_ball import Truth, reflected, simulate
 
 SIZE = 97
 TRUTHS = (
-    Truth((0.20, 0.15, 0.10), 0.9, 0.12, 1.5),
+    Truth((0.20, 0.15, 0.10), 0.9, 0.12, 1.5, lobes=((4.0, 0.03), (0.2, 0.4))),
     Truth((0.05, 0.09, 0.16), 2.0, 0.05, 1.7, 1.5, (1.2, 1.0, 0.8)),
 )
 EPSILON, SIGMA = 0.2, 0.3  # of the body of the second material
@@ -33,7 +33,8 @@ def estimate(name, truth):
         interval_95={key: (0.1, 0.2) for key in PARAMETERS}
         | {"body_colour": ((0.9, 1.1),) * 3, "interface_colour": ((0.0, 2.0),) * 3},
         correlation=((1.0,) * 4,) * 4, identifiable={key: key != "n" for key in PARAMETERS},
-        chi_square=1.0, nu=truth.nu, epsilon=EPSILON * (truth is TRUTHS[1]), sigma=SIGMA * (truth is TRUTHS[1]),
+        chi_square=1.0, nu=truth.nu, lobes=truth.lobes,
+        epsilon=EPSILON * (truth is TRUTHS[1]), sigma=SIGMA * (truth is TRUTHS[1]),
     )  # fmt: skip
 
 
@@ -106,8 +107,10 @@ def radiance(capture, measured, direction=None, position=None, irradiance=np.pi)
     for label, truth in enumerate(TRUTHS):
         at = measured.labels == label
         vectors = normals[at], to_lamp[at], to_eye[at]
-        both[0][at] = reflected(*vectors, replace(truth, alpha_body=body[at], beta=0.0))
-        dark = replace(truth, alpha_body=(0.0, 0.0, 0.0), beta=gloss.beta[at], gamma=gloss.gamma[at], nu=gloss.nu[at])
+        both[0][at] = reflected(*vectors, replace(truth, alpha_body=body[at], beta=0.0, lobes=()))
+        beta, gamma = gloss.beta[at], gloss.gamma[at]
+        lobes = tuple((b * beta / truth.beta, g * gamma / truth.gamma) for b, g in truth.lobes)
+        dark = replace(truth, alpha_body=(0.0, 0.0, 0.0), beta=beta, gamma=gamma, nu=gloss.nu[at], lobes=lobes)
         both[1][at] = reflected(*vectors, dark)
     scale = np.broadcast_to(np.asarray(irradiance * falloff), known.shape)[..., None]
     return both[0] * factor * scale, both[1] * scale, known

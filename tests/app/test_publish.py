@@ -13,6 +13,8 @@ from hagoromo.camera.unplaced import unplaced_camera
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.measurement.photographed import Photographed, photographed
+from hagoromo.measurement.surface import large_capture
+from hagoromo.photograph.capture import load_capture
 from hagoromo_page.publication import object_page
 from hagoromo_page.publication.planes import pack_planes, unpack_planes
 from hagoromo_page.publication.publish import has_scale, publish
@@ -176,6 +178,32 @@ def test_a_page_is_one_file_that_asks_for_nothing_and_runs_nothing_else(measured
     policy = re.search(r'http-equiv="Content-Security-Policy" content="([^"]*)"', text)
     assert policy and policy[1].startswith("default-src 'none'; script-src 'sha256-") and "unsafe" not in policy[1]
     assert HOSTILE not in text and "&lt;script&gt;" in text and not re.search(r'(src|href)="(?!data:)', text)
+
+
+def test_a_page_is_called_by_the_object_and_not_by_a_folder(tmp_path):
+    """By --title, else by the name that the capture states, also when the measurement was saved and read again."""
+    capture, measured = ball(far=True, name="Noh mask")
+
+    def heading(source, *options):
+        assert main(["publish", str(source), *options, "--out", str(tmp_path / "page.html"), "--force"]) == 0
+        return re.findall("<h1>(.*?)</h1>", (tmp_path / "page.html").read_text(encoding="utf-8"))
+
+    measured.save(tmp_path / "measured")
+    assert heading(tmp_path / "measured") == ["Noh mask"]
+    assert heading(tmp_path / "measured", "--title", "Mask <1>") == ["Mask &lt;1&gt;"]
+    unnamed = replace(capture, name="cap", folder=tmp_path / "cap")
+    replace(measured, capture=unnamed).save(tmp_path / "other")
+    assert heading(tmp_path / "other") == ["Measured object"]
+    assert unnamed.own_name == "" and capture.own_name == "Noh mask"
+    unnamed.save(tmp_path / "copy")
+    assert load_capture(tmp_path / "copy").own_name == ""
+
+
+def test_a_capture_that_is_solved_in_tiles_keeps_its_name(tmp_path, monkeypatch):
+    capture, _ = ball(far=True, name="Noh mask")
+    replace(capture, points=None, normals=None).save(tmp_path / "cap")
+    monkeypatch.setattr(large_capture, "LARGEST_CAPTURE_BYTES", 0.0)
+    assert large_capture.large_source(tmp_path / "cap").name == "Noh mask"
 
 
 def test_a_page_keeps_its_limit_and_says_that_it_is_reduced(measured, tmp_path):

@@ -18,7 +18,10 @@ FULL_WELL, READ_NOISE = 45_000.0, 10.0  # electrons
 
 @dataclass(frozen=True)
 class Truth:
-    """Parameters of a material: alpha_body is α c_b per channel; interface_colour has mean 1."""
+    """Parameters of a material: alpha_body is α c_b per channel; interface_colour has mean 1.
+
+    lobes: β and γ of further Gaussian lobes.
+    """
 
     alpha_body: tuple
     beta: float
@@ -26,6 +29,7 @@ class Truth:
     n: float
     nu: float = np.inf
     interface_colour: tuple = (1.0, 1.0, 1.0)
+    lobes: tuple = ()
 
     @property
     def alpha(self):
@@ -44,13 +48,14 @@ def reflected(normal, to_lamp, to_eye, truth):
     cos_q, phi = (to_eye * half).sum(-1), np.arccos(np.clip((normal * half).sum(-1), -1, 1))
     u = (phi / truth.gamma) ** 2
     nu = np.minimum(truth.nu, 1e9)
-    d = np.where(np.isinf(truth.nu), 2.0**-u, (1 + (2 ** (1 / nu) - 1) * u) ** -nu)
+    d = truth.beta * np.where(np.isinf(truth.nu), 2.0**-u, (1 + (2 ** (1 / nu) - 1) * u) ** -nu)
+    d = d + sum(beta * 2.0 ** -((phi / gamma) ** 2) for beta, gamma in truth.lobes)
     g = np.sqrt(truth.n**2 + cos_q**2 - 1)
     f = (g - cos_q) ** 2 / (g + cos_q) ** 2 / 2
     f = f * (1 + (cos_q * (g + cos_q) - 1) ** 2 / (cos_q * (g - cos_q) + 1) ** 2)
     masked = np.minimum(1, 2 * np.cos(phi) * np.minimum(cos_r, cos_i) / cos_q)
     seen = (cos_i > 0) & (cos_r > 0)
-    interface = truth.beta * d * f * masked / np.where(seen, cos_r, 1)
+    interface = d * f * masked / np.where(seen, cos_r, 1)
     both = cos_i[..., None] * np.array(truth.alpha_body) + interface[..., None] * np.array(truth.interface_colour)
     return np.where(seen[..., None], both, 0)
 

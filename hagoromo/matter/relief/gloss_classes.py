@@ -48,8 +48,8 @@ def with_gloss_classes(
             mean = gloss[classes == one].mean(axis=0)
             mean_beta, mean_gamma = np.exp(mean[:2]).tolist()
             name = f"{materials[number].name}, gloss {one + 1}"
-            own = replace(materials[number], name=name, beta=mean_beta, gamma=mean_gamma)
-            all_materials.append(own if nu is None else replace(own, nu=nu_of(float(mean[2]))))
+            own = materials[number].with_gloss(mean_beta, mean_gamma, None if nu is None else nu_of(float(mean[2])))
+            all_materials.append(replace(own, name=name))
     return found, tuple(all_materials)
 
 

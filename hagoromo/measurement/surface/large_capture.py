@@ -31,8 +31,9 @@ def large_source(folder: str | Path) -> FolderSource | None:
     present = tuple(i for i, frame in enumerate(frames) if not count_absent(file, [frame]))
     if not present:
         return None
-    first = load_capture(folder, slice(present[0], present[0] + 1)).photographs[0]
-    return FolderSource(Path(folder), present) if needs_tiles(first, len(present)) else None
+    first = load_capture(folder, slice(present[0], present[0] + 1))
+    large = needs_tiles(first.photographs[0], len(present))
+    return FolderSource(Path(folder), present, name=first.own_name) if large else None
 
 
 def coarse_or_whole(folder: str | Path) -> Capture:
@@ -43,7 +44,7 @@ def coarse_or_whole(folder: str | Path) -> Capture:
         return load_capture(folder)
     photographs = (source.photograph(k) for k in range(source.count))
     small = tuple(binned(one, coarse_factor(one.camera)) for one in photographs)
-    return Capture(small, first.name)
+    return Capture(small, first.name, first.folder)
 
 
 def needs_tiles(photograph: Photograph, count: int) -> bool:

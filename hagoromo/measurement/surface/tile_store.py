@@ -47,11 +47,15 @@ class Source(Protocol):
 
 @dataclass(frozen=True)
 class FolderSource:
-    """The photographs of a capture folder, its `frames` that have an image, read one at a time, and evened by `rig`."""
+    """The photographs of a capture folder, its `frames` that have an image, read one at a time, and evened by `rig`.
+
+    name: that the capture states.
+    """
 
     folder: Path
     frames: tuple[int, ...]
     rig: Rig | None = None
+    name: str = ""
 
     @property
     def count(self) -> int:

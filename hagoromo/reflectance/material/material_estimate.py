@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,7 @@ from hagoromo.light.spectrum import Spectrum, smooth_rgb_basis
 from hagoromo.reflectance.body import diffuse_albedo_ratio
 from hagoromo.reflectance.element import Element
 from hagoromo.reflectance.material.material_html import decimals, materials_html
-from hagoromo.reflectance.reflectance import Reflectance
+from hagoromo.reflectance.reflectance import LARGEST_GAMMA, SMALLEST_GAMMA, Reflectance
 from hagoromo.reflectance.spectra.reflectance_prior import ReflectancePrior
 from hagoromo.reflectance.spectra.spectrum_estimate import Reading, SpectrumEstimate, reflectance_spectrum
 
@@ -68,10 +68,28 @@ class MaterialEstimate:
     sigma: float = 0.0
     lobes: tuple[tuple[float, float], ...] = ()
 
+    def all_lobes(self, beta: Any = None, gamma: Any = None) -> list[tuple[Any, Any]]:
+        """β [1/sr] and γ [rad] of every lobe of the interface, the first one's first.
+
+        beta, gamma: of the first lobe where it differs from place to place, numbers or arrays; the further lobes are as
+        much stronger and wider there.
+        """
+        beta, gamma = self.beta if beta is None else beta, self.gamma if gamma is None else gamma
+        further = [(beta * (b / self.beta), gamma * (g / self.gamma)) for b, g in self.lobes]
+        return [(beta, gamma), *further]
+
+    def with_gloss(self, beta: float, gamma: float, nu: float | None = None) -> MaterialEstimate:
+        """The material where its first lobe has another β, γ and ν: see `all_lobes`."""
+        _, *further = self.all_lobes(beta, gamma)
+        lobes = tuple((b, min(max(g, SMALLEST_GAMMA), LARGEST_GAMMA)) for b, g in further)
+        return replace(self, beta=beta, gamma=gamma, lobes=lobes, nu=self.nu if nu is None else nu)
+
     def __repr__(self) -> str:
         name = self.name if len(self.name) <= LONGEST_PRINTED_NAME else self.name[: LONGEST_PRINTED_NAME - 1] + "…"
-        keys = PARAMETERS if math.isinf(self.nu) else (*PARAMETERS, "nu")
-        return f"MaterialEstimate({name!r}, {', '.join(self._parameter(key) for key in keys)})"
+        further = {"nu": not math.isinf(self.nu), "epsilon": self.epsilon != 0.0, "sigma": self.sigma != 0.0}
+        shown = [self._parameter(key) for key in (*PARAMETERS, *(key for key, has in further.items() if has))]
+        shown += [f"lobe(beta={beta:.3g}, gamma={gamma:.3g})" for beta, gamma in self.lobes]
+        return f"MaterialEstimate({name!r}, {', '.join(shown)})"
 
     def _repr_html_(self) -> str:
         return materials_html([self])

@@ -35,6 +35,22 @@ def parameter_rows(material: MaterialEstimate) -> list[list[str]]:
         figures = [_figure(getattr(material, key), digits), "" if error is None else f"{error:.{digits}f}"]
         first = ["", ""] if rows else [material.name, str(material.pixels)]
         rows.append([*first, symbol, *figures, f"{low} … {high}", identifiable])
+    return [*rows, *_lobe_rows(material)]
+
+
+def _lobe_rows(material: MaterialEstimate) -> list[list[str]]:
+    """The cells of β and γ of each further lobe, which are there because the photographs show them."""
+    rows = []
+    errors, bounds = (getattr(material, key).get("lobes", ()) for key in ("standard_error", "interval_95"))
+    for k, lobe in enumerate(material.lobes):
+        for part, symbol in enumerate(("β", "γ")):
+            error = errors[k][part] if k < len(errors) else None
+            digits = decimals(error)
+            low, high = bounds[k][part] if k < len(bounds) else (0.0, math.inf)
+            unit = "1/sr" if symbol == "β" else "rad"
+            shown = [_figure(lobe[part], digits), "" if error is None else f"{error:.{digits}f}"]
+            spread = f"{_figure(low, digits)} … {_figure(high, digits)}"
+            rows.append(["", "", f"{symbol} of lobe {k + 2} [{unit}]", *shown, spread, "yes"])
     return rows
 
 

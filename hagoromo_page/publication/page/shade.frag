@@ -3,7 +3,8 @@
 uniform usampler2D geometry;       // octahedral normal u, v; depth; label
 uniform usampler2DArray bodies;    // square roots of α c_b, four channels a layer
 uniform usampler2D extra;          // ln β, ln γ, error of the normal + 256 · 1/ν, error of body colour or gloss
-uniform sampler2D materials;       // row 0: β, γ, n, 1/ν; row 1: 2^(1/ν) − 1, ε, σ; rows 2 …: interface colour under lamp k
+uniform sampler2D materials;       // row 0: β, γ, n, 1/ν; row 1: 2^(1/ν) − 1, ε, σ; rows 2 …: interface colour under lamp k;
+                                   // then of each further lobe β and γ over those of the first one
 uniform sampler2D rays;            // x/z, y/z of rays on a grid over the picture (OpenCV's axes)
 uniform sampler2D shadows;         // share of each lamp that arrives
 uniform vec2 tileOrigin;           // place of the tile in its level [px]
@@ -146,9 +147,13 @@ void main() {
     float squared = squaredAngle(normal, both);
     // (6) G = min{1, 2 cosφ cosθ_r/cosθ_Q, 2 cosφ cosθ_i/cosθ_Q}
     float masking = min(1.0, 2.0 * cosHalf * min(cosView, cosLamp) / cosDeviation);
+    float density = facets(squared, gamma, tail, rise);  // of all lobes, in units of β
+    for (int l = 0; l < LOBES; l++) {
+      vec2 lobe = texelFetch(materials, ivec2(label, 2 + LAMPS + l), 0).xy;
+      density += lobe.x * facets(squared, gamma * lobe.y, 0.0, 0.0);
+    }
     // (2)(3) f = α cosθ_i c_b + β D F G / cosθ_r e
-    float interfaceWeight =
-      beta * facets(squared, gamma, tail, rise) * fresnel(cosDeviation, interfaceOf.z) * masking / cosView;
+    float interfaceWeight = beta * density * fresnel(cosDeviation, interfaceOf.z) * masking / cosView;
     float bodyWeight = cosLamp * bodyFactor(cosLamp, cosView, dot(toLamp, toEye), bodyOf.y, bodyOf.z);
     vec3 colour = vec3(0.0);
     for (int c = 0; c < CHANNELS; c++) colour += body[c] * bodyColumns[k * CHANNELS + c];

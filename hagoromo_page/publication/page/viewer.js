@@ -162,7 +162,7 @@ function prepare() {
   gl.bindVertexArray(gl.createVertexArray());
   gl.disable(gl.DITHER);
   if (data.stack) { shade = program(`${head}#define LAYERS ${stackLayers()}\n${data.shaders.stack}`); return; }
-  const sizes = `#define LAMPS ${LAMPS}\n#define CHANNELS ${data.scales.channels}\n#define SCALE_GAMMA ${pair(data.legend.gamma)}\n#define SCALE_PEAK ${pair(data.legend.peak)}\n`;
+  const sizes = `#define LAMPS ${LAMPS}\n#define LOBES ${data.lobes}\n#define CHANNELS ${data.scales.channels}\n#define SCALE_GAMMA ${pair(data.legend.gamma)}\n#define SCALE_PEAK ${pair(data.legend.peak)}\n`;
   shade = program(head + sizes + data.shaders.shade);
   shadow = program(head + sizes + data.shaders.shadow);
   const rays = data.rays;
@@ -195,10 +195,11 @@ function bound(used, name, unit, kind, one) {
 
 function updateMaterials() {
   if (data.stack) return;
-  const count = data.materials.length, rows = 2 + LAMPS, values = new Float32Array(4 * count * rows);
+  const count = data.materials.length, rows = 2 + LAMPS + data.lobes, values = new Float32Array(4 * count * rows);
   data.materials.forEach((one, m) => {
     values.set([one.beta, one.gamma, one.n, one.tail], 4 * m);
     values.set([2 ** one.tail - 1, one.epsilon, one.sigma, 0], 4 * (count + m));
+    for (let l = 0; l < data.lobes; l++) values.set(one.lobes[l] || [0, 1], 4 * ((2 + LAMPS + l) * count + m));
   });
   state.lamps.forEach((lamp, k) => {
     const colours = lampColours(lamp).interface;
