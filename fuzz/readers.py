@@ -76,7 +76,7 @@ def _tables(path: Path) -> Any:
     name = decode(tables, _OfKind, where).kind
     kind = kind_of(name if name in kind_names() else "solid")
     table = decode(tables, kind.record, where)
-    element = kind.element_of(table) if kind.element_of else kind.element
+    element = kind.element_of(table) if kind.element_of else kind.element or "plane"
     return Recipe(table, element, path.parent, where).material
 
 

@@ -18,6 +18,7 @@ import tyro
 from numpy.typing import NDArray
 
 import hagoromo as hg
+from hagoromo.image.modes import Mode
 from studies.modes_scenes import ORDER, Sources, scene_of, title_of
 from studies.orders import BLOCK, MODES, beside_path, images_of, in_blocks, row
 
@@ -29,7 +30,7 @@ WHITE_AT = 99.5  # per cent of path's values that are darker than white
 Linear = Mapping[str, NDArray[np.floating]]
 
 
-def rendered(name: str, sources: Sources, out: Path, walks: int, modes: tuple[str, ...] = MODES) -> None:
+def rendered(name: str, sources: Sources, out: Path, walks: int, modes: tuple[Mode, ...] = MODES) -> None:
     """Render a scene by its modes, and keep its figures and pictures."""
     scene = scene_of(name, sources)
     with warnings.catch_warnings(record=True) as said:

@@ -48,7 +48,7 @@ def threads() -> hg.Scene:
     """Fourteen threads of three voxels that go all ways, lit along the edge of the picture."""
     random, density = np.random.default_rng(5), np.zeros((VOXELS,) * 3)
     axis = np.zeros((*density.shape, 3))
-    place = np.stack(np.mgrid[:VOXELS, :VOXELS, :VOXELS][::-1], axis=-1)
+    place = np.moveaxis(np.mgrid[:VOXELS, :VOXELS, :VOXELS][::-1], 0, -1)
     for _ in range(14):
         along = random.normal(size=3)
         along /= np.linalg.norm(along)
@@ -90,4 +90,4 @@ def _of_box(density: np.ndarray, axis: np.ndarray, matter: hg.Reflectance, to_la
 
 def _camera(length: float) -> hg.Camera:
     """A camera whose focal length is so many widths of its picture."""
-    return hg.Camera(PIXELS, PIXELS, (length * PIXELS,) * 2, (0.5 * PIXELS,) * 2)
+    return hg.Camera(PIXELS, PIXELS, (length * PIXELS, length * PIXELS), (0.5 * PIXELS, 0.5 * PIXELS))

@@ -169,6 +169,19 @@ def one_of(*names: str) -> Meta:
     return Meta(pattern=pattern, extra_json_schema={"enum": list(names)})
 
 
+def with_optional(name: str, base: type[Record], keys: Mapping[str, type[Record]]) -> Any:
+    """A record with the fields of `base` and some of other records, which may be absent: None then.
+
+    keys: name of each field → a record that has it.
+    """
+    hints = {key: get_type_hints(source, include_extras=True)[key] | None for key, source in keys.items()}
+    made = msgspec.defstruct(
+        name, [(key, hint, None) for key, hint in hints.items()], bases=(base,), frozen=True, kw_only=True
+    )
+    made.__doc__ = base.__doc__
+    return made
+
+
 def optional(name: str, source: type) -> Any:
     """A record with the fields of `source` (a record or a NamedTuple), all of them optional.
 

@@ -51,7 +51,7 @@ def scene_from(scene: Scene, origin: Origin) -> Scene:
         scene,
         camera=camera_from(scene.camera, origin),
         lamps=tuple(_lamp(lamp, origin) for lamp in scene.lamps),
-        area_lamps=tuple(replace(lamp, position=lamp.position - origin) for lamp in scene.area_lamps),
+        area_lamps=tuple(lamp.moved(-origin) for lamp in scene.area_lamps),
         boxes=tuple(box.with_pose(_pose(box.pose, origin)) for box in scene.boxes),
         surfaces=tuple(replace(surface, pose=_pose(surface.pose, origin)) for surface in scene.surfaces),
     )

@@ -8,24 +8,20 @@ from typing import Annotated, Any
 from hagoromo.camera.pose import turned_about_axes
 from hagoromo.errors import described
 from hagoromo.files.checks import inside
-from hagoromo.files.record import Positive, Record, Vector, about, decode
+from hagoromo.files.record import Record, Vector, about, decode, with_optional
 from hagoromo.light.area_lamp import AreaLamp
 from hagoromo.light.environment import Environment
+from hagoromo.light.shapes import KEYS
 from hagoromo.light.spectrum import SOURCE, Spectrum
 from hagoromo.light.surface_emission import SurfaceEmission
 
 AS_IT_IS = (0.0, 0.0, 0.0)
 
 
-class SceneAreaLamp(Record, frozen=True, kw_only=True):
-    """A lamp with a size: a sphere (`radius`) or a rectangle (`edges`). It is light only: it casts no shadow."""
+class _SceneAreaLamp(Record, frozen=True, kw_only=True):
+    """A lamp with a size, of the shape that its keys say. It is light only: it casts no shadow."""
 
     position: Annotated[Vector, about("middle of the lamp, world axes [m]")]
-    radius: Annotated[Positive | None, about("radius of a sphere, which shines outwards [m]")] = None
-    edges: Annotated[
-        tuple[Vector, Vector] | None,
-        about("two sides of a rectangle as vectors at right angles [m]; it shines to the side of their cross product"),
-    ] = None
     radiance: Annotated[
         float, about("radiance, alike in all directions [W/(m² sr) times the unit of the spectrum]")
     ] = 1.0
@@ -34,6 +30,9 @@ class SceneAreaLamp(Record, frozen=True, kw_only=True):
     ] = 1.0
     visible: Annotated[bool, about("whether the camera sees the lamp itself")] = False
     name: Annotated[str, about("name of the lamp")] = ""
+
+
+SceneAreaLamp: Any = with_optional("SceneAreaLamp", _SceneAreaLamp, KEYS)
 
 
 class SceneEnvironment(Record, frozen=True, kw_only=True):
@@ -74,8 +73,10 @@ def area_lamp_from(record: dict[str, Any], folder: Path, where: str) -> AreaLamp
     """The lamp of a table [[area_lamp]] of a file in `folder`."""
     key = decode(record, SceneAreaLamp, where)
     with described(where):
-        spectrum = Spectrum.load(key.spectrum, folder)
-        return AreaLamp(key.position, key.radius, key.edges, key.radiance, spectrum, key.name, key.visible)
+        spectrum, shape = Spectrum.load(key.spectrum, folder), {name: getattr(key, name) for name in KEYS}
+        return AreaLamp(
+            key.position, radiance=key.radiance, spectrum=spectrum, name=key.name, visible=key.visible, **shape
+        )
 
 
 def environment_from(record: dict[str, Any] | None, folder: Path, where: str) -> Environment | None:

@@ -25,7 +25,6 @@ from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.transport.film import Film
 from hagoromo.transport.march import optical_depth
-from hagoromo.transport.path.area_light import area_light
 from hagoromo.transport.path.environment_light import EnvironmentLight
 
 
@@ -74,7 +73,7 @@ class SeenLights:
         palette = palette_of_scene(scene, replace(settings, separate_lamps=False))
         placed, groups = scene_from(scene, self.prepared.origin), list(palette.lamp_groups[len(scene.lamps) :])
         self.groups, areas = len(palette.lamps), zip(placed.area_lamps, groups, strict=False)
-        self.areas = [(area_light(lamp), group) for lamp, group in areas if lamp.visible]
+        self.areas = [(lamp.on_device(), group) for lamp, group in areas if lamp.visible]
         groups = groups[len(scene.area_lamps) :]
         seen = scene.environment is not None and scene.environment.visible
         self.environment = EnvironmentLight(scene.environment) if scene.environment and seen else None

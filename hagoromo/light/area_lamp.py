@@ -1,23 +1,25 @@
-"""AreaLamp: a sphere or a rectangle that shines alike from every place and into every direction, as a lamp."""
+"""AreaLamp: a lamp with a size, which shines alike from every place and into every direction."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hagoromo.errors import InputError
+from hagoromo.light.shapes import shape_of
+from hagoromo.light.shapes.lamp_shape import AreaLight, LampShape
+from hagoromo.light.shapes.rectangle import Rectangle
+from hagoromo.light.shapes.sphere import Sphere
 from hagoromo.light.spectrum import Spectrum, checked_spectrum
-
-SQUARE = 1e-6  # cosine of the angle between the sides of a rectangle, at most
-LEAST_SIDE = 1e-9  # of a rectangle, over the other one
 
 
 @dataclass(frozen=True, eq=False)
 class AreaLamp:
-    """A sphere about `position` of `radius`, or a rectangle about `position` with two sides `edges`: one of the two.
+    """A lamp of some shape about `position`: a sphere of `radius`, a rectangle with two sides `edges`, or what further
+    keys say, see `hagoromo.light.shapes`.
 
     position: (3,) [m], world. radius: [m]; the sphere shines outwards. edges: (2, 3) the sides of the rectangle as
     vectors at right angles [m], world; it shines to the side of edges[0] × edges[1]. radiance: [W/(m² sr) times the
@@ -31,8 +33,7 @@ class AreaLamp:
     """
 
     position: NDArray[np.float64]
-    radius: float | None
-    edges: NDArray[np.float64] | None
+    shape: LampShape
     radiance: float
     spectrum: Spectrum
     name: str
@@ -47,82 +48,86 @@ class AreaLamp:
         spectrum: Spectrum | None = None,
         name: str = "",
         visible: bool = False,
+        **keys: Any,
     ) -> None:
         who = f"area lamp {name!r}"
-        if (radius is None) == (edges is None):
-            raise InputError(f"{who}: give either radius (a sphere) or edges (a rectangle)")
-        if radius is not None and not (np.isfinite(radius) and radius > 0.0):
-            raise InputError(f"{who}: radius is {radius!r:.60}: give a length above 0 m")
         if not (np.isfinite(radiance) and radiance > 0.0):
             raise InputError(f"{who}: radiance is {radiance!r:.60}: give a finite number above 0")
+        given = {key: _plain(value) for key, value in {"radius": radius, "edges": edges, **keys}.items()}
         keep = object.__setattr__
-        keep(self, "position", _numbers(position, (3,), f"{who}: position"))
-        keep(self, "radius", None if radius is None else float(radius))
-        keep(self, "edges", None if edges is None else _rectangle(edges, who))
+        keep(self, "position", _place(position, who))
+        keep(self, "shape", shape_of({key: value for key, value in given.items() if value is not None}, who))
         keep(self, "radiance", float(radiance))
-        keep(
-            self,
-            "spectrum",
-            Spectrum.constant(1.0) if spectrum is None else checked_spectrum(spectrum, f"area lamp {name!r}: spectrum"),
-        )
+        white = Spectrum.constant(1.0)
+        keep(self, "spectrum", white if spectrum is None else checked_spectrum(spectrum, f"{who}: spectrum"))
         keep(self, "name", name)
         keep(self, "visible", bool(visible))
 
     def __repr__(self) -> str:
         """The name, the shape, where it stands and how strong it is."""
         place = ", ".join(f"{x:.4g}" for x in self.position)
-        shape = "rectangle" if self.radius is None else "sphere"
-        return f"AreaLamp({self.name!r}, {shape} at ({place}) m, radiance {self.radiance:g})"
+        return f"AreaLamp({self.name!r}, {self.shape.word} at ({place}) m, radiance {self.radiance:g})"
+
+    @property
+    def radius(self) -> float | None:
+        """Of a sphere [m]; else None."""
+        return self.shape.radius if isinstance(self.shape, Sphere) else None
+
+    @property
+    def edges(self) -> NDArray[np.float64] | None:
+        """(2, 3) sides of a rectangle [m]; else None."""
+        return self.shape.sides if isinstance(self.shape, Rectangle) else None
 
     @property
     def normal(self) -> NDArray[np.float64]:
-        """(3,) unit: the direction into which a rectangle shines. `InputError` for a sphere."""
-        if self.edges is None:
-            raise InputError(f"area lamp {self.name!r} is a sphere: it has no one normal")
-        normal = np.cross(*self.edges)
-        return normal / np.linalg.norm(normal)
+        """(3,) unit: the direction into which a rectangle shines. `InputError` for other shapes."""
+        if not isinstance(self.shape, Rectangle):
+            raise InputError(f"area lamp {self.name!r} is a {self.shape.word}: it has no one normal")
+        return self.shape.normal
 
     @property
     def area(self) -> float:
         """Area that shines [m²]."""
-        if self.radius is not None:
-            return 4.0 * math.pi * self.radius**2
-        return float(np.linalg.norm(np.cross(*self.edges)))  # type: ignore[misc]
+        return self.shape.area
 
     def corners(self) -> NDArray[np.float64]:
         """(n, 3) places whose bounds hold the lamp [m], world."""
-        if self.edges is None:
-            return self.position + np.outer((-1.0, 1.0), np.full(3, self.radius))
-        return self.position + 0.5 * np.array([(1, 1), (1, -1), (-1, 1), (-1, -1)]) @ self.edges
+        return self.position + self.shape.corners()
+
+    def moved(self, by: ArrayLike) -> AreaLamp:
+        """The lamp with `by` (3,) added to its position [m]."""
+        made = object.__new__(AreaLamp)
+        for key in self.__dataclass_fields__:
+            object.__setattr__(made, key, getattr(self, key))
+        object.__setattr__(made, "position", _place(self.position + np.asarray(by), f"area lamp {self.name!r}"))
+        return made
+
+    def on_device(self) -> AreaLight:
+        """Its light, for walks; its position counts from the origin of the scene."""
+        return self.shape.on_device(self.position, self.radiance, self.visible)
 
     def record(self) -> dict[str, object]:
         """The lamp as plain values, as a scene file states it."""
-        edges = None if self.edges is None else self.edges.tolist()
-        shape = {"edges": edges} if self.radius is None else {"radius": self.radius}
+        shape = {key: _plain(getattr(self.shape, key)) for key in self.shape.__struct_fields__}
         return {
             "position": self.position.tolist(), **shape, "radiance": self.radiance, "spectrum": self.spectrum.record(),
             "name": self.name, "visible": self.visible,
         }  # fmt: skip
 
 
-def _rectangle(edges: ArrayLike, who: str) -> NDArray[np.float64]:
-    sides = _numbers(edges, (2, 3), f"{who}: edges")
-    lengths = np.linalg.norm(sides, axis=1)
-    if not (lengths.min() > LEAST_SIDE * lengths.max() and np.isfinite(lengths).all()):
-        raise InputError(
-            f"{who}: edges are {lengths[0]:.3g} m and {lengths[1]:.3g} m long: give two sides with a length"
-        )
-    if not abs(sides[0] @ sides[1]) <= SQUARE * lengths.prod():
-        raise InputError(f"{who}: edges {sides.tolist()} are not at right angles: give the sides of a rectangle")
-    return sides
+def _plain(value: Any) -> Any:
+    """Arrays and tuples as lists, NumPy's numbers as Python's."""
+    if isinstance(value, (list, tuple)):
+        return [_plain(one) for one in value]
+    return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value
 
 
-def _numbers(values: ArrayLike, shape: tuple[int, ...], what: str) -> NDArray[np.float64]:
+def _place(values: ArrayLike, who: str) -> NDArray[np.float64]:
     try:
         array = np.array(values, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:
-        raise InputError(f"{what} must be numbers: given {values!r:.60}") from error
-    if array.shape != shape or not np.isfinite(array).all():
-        raise InputError(f"{what} must be {' × '.join(map(str, shape))} finite numbers: given {array.tolist()!r:.60}")
+        raise InputError(f"{who}: position must be numbers: given {values!r:.60}") from error
+    if array.shape != (3,) or not np.isfinite(array).all():
+        raise InputError(f"{who}: position must be 3 finite numbers: given {array.tolist()!r:.60}")
     array.flags.writeable = False
     return array

@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hagoromo.directions import sunflower
 from hagoromo.light.area_lamp import AreaLamp
 from hagoromo.light.environment import Environment
 from hagoromo.light.lamp import Lamp
@@ -30,7 +31,6 @@ FEWEST_ROWS = 64  # of a map: pixels of a coarser one are cut, too, so that ligh
 R2 = (0.7548776662466927, 0.5698402909980532)  # steps that fill a square evenly (Roberts 2018)
 TURN = 0.25  # width of a patch, in sizes of its surface, that counts as much as a turn of its normal by 1 rad
 WIDEST_MAP = 128  # rows of a map up to which all its pixels are cut; of a larger one, blocks of them
-GOLDEN = math.pi * (3.0 - math.sqrt(5.0))  # [rad], turn between neighbours of a sunflower
 Array = NDArray[np.float64]
 
 
@@ -209,23 +209,14 @@ def _half(light: Array) -> int:
 
 
 def area_lamp_points(lamp: AreaLamp, count: int) -> list[Lamp]:
-    """`count` point lamps, all alike, spread over an area lamp; of a sphere one alone shines from its middle."""
-    if lamp.radius is None:
-        assert lamp.edges is not None
-        first, second = np.linalg.norm(lamp.edges, axis=1)
-        across = 2 ** min(max(round(0.5 * math.log2(count * first / second)), 0), round(math.log2(count)))
-        shares = np.stack(np.meshgrid(*((np.arange(n) + 0.5) / n - 0.5 for n in (across, count // across))), axis=-1)
-        places = lamp.position + shares.reshape(-1, 2) @ lamp.edges
-        axes = [lamp.normal] * count
-    elif count == 1:
-        intensity = math.pi * lamp.radius**2 * lamp.radiance
-        return [Lamp(lamp.position, intensity=intensity, spectrum=lamp.spectrum, name=lamp.name)]
-    else:
-        axes = list(_sunflower(count))
-        places = lamp.position + lamp.radius * np.array(axes)
+    """`count` point lamps, all alike, spread over an area lamp."""
+    places, axes = lamp.shape.points(count)
+    if axes is None:
+        each = lamp.radiance * lamp.shape.far_area / count
+        return [Lamp(lamp.position + place, intensity=each, spectrum=lamp.spectrum, name=lamp.name) for place in places]
     each = lamp.radiance * lamp.area / count
     return [
-        Lamp(place, intensity=each, spectrum=lamp.spectrum, name=lamp.name, axis=axis)
+        Lamp(lamp.position + place, intensity=each, spectrum=lamp.spectrum, name=lamp.name, axis=axis)
         for place, axis in zip(places, axes, strict=True)
     ]
 
@@ -245,7 +236,7 @@ def _halves(ways: Array, light: Array) -> Array:
     """Of light (n,) from unit directions (n, 3): what comes from each of HALVES, and what it gives there on a plane
     that faces its middle; then all of the light: (3, HALVES).
     """
-    cosine = ways @ _sunflower(HALVES).T
+    cosine = ways @ sunflower(HALVES).T
     sums = (cosine > 0.0).T @ light, np.maximum(cosine, 0.0).T @ light
     return np.array([*sums, np.full(HALVES, light.sum())])
 
@@ -258,10 +249,3 @@ def _error(few: Array, whole: Array) -> float:
         return 0.0
     sizes = np.array([whole[2, 0], math.sqrt(np.mean(whole[1] ** 2)), whole[2, 0]])
     return float((np.sqrt(np.mean((few - whole) ** 2, axis=1)) / sizes).max())
-
-
-def _sunflower(count: int) -> Array:
-    """Unit directions (count, 3), evenly spread."""
-    z = 1.0 - (2.0 * np.arange(count) + 1.0) / count
-    turn, aside = GOLDEN * np.arange(count), np.sqrt(1.0 - z * z)
-    return np.stack([aside * np.cos(turn), aside * np.sin(turn), z], axis=1)

@@ -14,6 +14,7 @@ from msgspec import Meta
 from numpy.typing import ArrayLike, NDArray
 
 from hagoromo.backend import Array3f, Float, arrays, lookup
+from hagoromo.directions import frame_about, local
 from hagoromo.errors import InputError, described
 from hagoromo.files.record import Record, about, decode, like
 from hagoromo.light.spectrum import SOURCE, VISIBLE, Spectrum, SpectrumRecord, checked_spectrum
@@ -26,8 +27,6 @@ from hagoromo.reflectance.pigment import PigmentRecord, pigment_from_record, ski
 from hagoromo.reflectance.sampling import (
     LobeShare,
     density_of_lobes,
-    frame_about,
-    local,
     shares_of_lobes,
     to_lamp_by_lobes,
 )

@@ -89,18 +89,3 @@ def _half_density(cos_half: Float, gamma: Float, nu: Float) -> Float:
     inside = facet_mass(HORIZON * HORIZON, gamma, nu)
     radial = 2.0 * tail_rise(1.0 / nu) / (gamma * gamma) * facet_density(cos_half, gamma, nu) / inside
     return dr.select(cos_half > 0.0, radial * polar / (2.0 * math.pi * dr.sin(polar)), 0.0)
-
-
-def frame_about(normal: Array3f) -> tuple[Array3f, Array3f, Array3f]:
-    """Two unit vectors across a unit `normal` and the normal itself (Duff et al. 2017)."""
-    kind = type(normal)
-    sign = dr.select(normal.z >= 0.0, 1.0, -1.0)
-    a = -dr.rcp(sign + normal.z)
-    b = normal.x * normal.y * a
-    one = kind(1.0 + sign * normal.x * normal.x * a, sign * b, -sign * normal.x)
-    return one, kind(b, sign + normal.y * normal.y * a, -normal.y), normal
-
-
-def local(frame: tuple[Array3f, Array3f, Array3f], vector: Array3f) -> Array3f:
-    """A vector in the axes of `frame`."""
-    return type(vector)(*(dr.dot(vector, axis) for axis in frame))

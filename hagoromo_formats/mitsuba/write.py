@@ -171,13 +171,8 @@ def _turned_z_to(direction: NDArray[np.float64], place: NDArray[np.float64]) -> 
 def _area_lamp(lamp: AreaLamp) -> Element:
     light = plugin("emitter", "area", radiance=lamp.spectrum * lamp.radiance)
     parts = [plugin("bsdf", "diffuse", reflectance=BLACK), light]
-    if lamp.radius is not None:
-        return plugin("shape", "sphere", parts=parts, center=lamp.position, radius=lamp.radius)
-    assert lamp.edges is not None
-    pose = np.eye(4)
-    pose[:3, :3] = np.column_stack([0.5 * lamp.edges[0], 0.5 * lamp.edges[1], lamp.normal])
-    pose[:3, 3] = lamp.position
-    return plugin("shape", "rectangle", parts=parts, to_world=pose)
+    kind, values = lamp.shape.mitsuba(lamp.position)
+    return plugin("shape", kind, parts=parts, **values)
 
 
 def _environment(environment: Environment, folder: Path) -> Iterator[Element]:

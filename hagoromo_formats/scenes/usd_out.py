@@ -177,14 +177,9 @@ class _Writer:
 
     def area_lamp(self, lamp: AreaLamp) -> None:
         rgb, place = linear(lamp.spectrum) * lamp.radiance, np.eye(4)
+        kind, place[:3, :3], values = lamp.shape.usd()
         place[:3, 3] = lamp.position
-        if lamp.radius is not None:
-            self.light("SphereLight", lamp.name, place, rgb, radius=lamp.radius)
-            return
-        assert lamp.edges is not None
-        sizes = np.linalg.norm(lamp.edges, axis=1)
-        place[:3, :3] = np.column_stack([lamp.edges[1] / sizes[1], lamp.edges[0] / sizes[0], -lamp.normal])
-        self.light("RectLight", lamp.name, place, rgb, width=float(sizes[1]), height=float(sizes[0]))
+        self.light(kind, lamp.name, place, rgb, **values)
 
     def dome(self, environment: Environment) -> None:
         """The mean over the sphere, from all around: rows of the map are as wide as the sine says."""

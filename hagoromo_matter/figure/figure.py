@@ -22,7 +22,7 @@ PART_MATERIALS: dict[str, dict[str, str]] = {
     "angel": dict.fromkeys(SKIN_PLACES["angel"], "skin") | {"hair": "hair"} | {"robe": "robe", "wings": "feather"},
     "nun": dict.fromkeys(SKIN_PLACES["nun"], "skin") | {"hair": "brows"} | {name: name for name in WARDROBE["nun"]},
 }
-FIGURE_ELEMENTS = {"skin": "sphere"}  # of materials; cylinder for all others
+FIGURE_ELEMENTS: dict[str, Element] = {"skin": "sphere"}  # of materials; cylinder for all others
 FIGURE_PARTS = tuple(sorted({part for parts in PART_MATERIALS.values() for part in parts}))
 
 

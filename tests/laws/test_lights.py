@@ -14,7 +14,6 @@ from hagoromo.camera.response import Response
 from hagoromo.image.surface import SHAPES
 from hagoromo.light.environment import upsampled
 from hagoromo.light.light_points import area_lamp_points, environment_points
-from hagoromo.transport.path.area_light import area_light
 from hagoromo.transport.path.environment_light import EnvironmentLight
 from tests.judges import mean_is, sampler_follows_density
 from tests.laws.test_path import SIDE, cube, light_along, matter, scene_of
@@ -189,7 +188,7 @@ def drawn(light, *numbers):
 @pytest.mark.parametrize("lamp", [RECTANGLE, NARROW, BALL], ids=["rectangle", "narrow rectangle", "sphere"])
 def test_directions_to_area_lamps_follow_their_density(lamp):
     """χ² over cells of a square about the middle direction, against the density on a grid 8 times as fine."""
-    jit, light = arrays(), area_light(lamp)
+    jit, light = arrays(), lamp.on_device()
     random = np.random.default_rng(3).random((2, DRAWS)).astype(np.float32)
     ways, density, seen, distances = drawn(light, *(jit.Float(row) for row in random))
     inner = seen > 0.0  # all but rounding at the outline

@@ -13,7 +13,7 @@ import numpy as np
 
 from hagoromo.backend import Array3f, Float, UInt, arrays, check_entries, lookup, opaque_vector
 from hagoromo.light.environment import Environment
-from hagoromo.transport.path.area_light import LightDrawn
+from hagoromo.light.shapes.lamp_shape import LightDrawn
 
 
 class EnvironmentLight:

@@ -24,7 +24,6 @@ from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.transport.crossing import selected
 from hagoromo.transport.gamma_rows import GammaRows
 from hagoromo.transport.lighting import LampRow
-from hagoromo.transport.path.area_light import area_light
 from hagoromo.transport.path.environment_light import EnvironmentLight
 from hagoromo.transport.path.free_flight import Random
 from hagoromo.transport.path.mesh_light import MeshLight
@@ -82,7 +81,7 @@ class Lights:
         reflectances: in the order of their materials; those of the surfaces are the last. gamma_rows: of a scene with
         textures of γ.
         """
-        self.lamps, self.areas = lamps, [area_light(lamp) for lamp in area_lamps]
+        self.lamps, self.areas = lamps, [lamp.on_device() for lamp in area_lamps]
         self.emitters = [MeshLight(emitter.corners, emitter.emission) for emitter in emitters]
         last = len(groups) - len(emitters)
         self.area_groups, self.part_groups = list(groups[: len(area_lamps)]), list(groups[len(area_lamps) : last])

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.backend import Array3f, Float, arrays, check_entries, lookup, opaque_vector
+from hagoromo.light.shapes.lamp_shape import LightDrawn
 from hagoromo.light.surface_emission import SurfaceEmission
-from hagoromo.transport.path.area_light import LightDrawn
 from hagoromo.transport.path.environment_light import interval_of, shares_before
 
 

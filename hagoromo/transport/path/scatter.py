@@ -17,6 +17,7 @@ import drjit as dr
 import numpy as np
 
 from hagoromo.backend import Array3f, Bool, Float, UInt, arrays, clip, lookup
+from hagoromo.directions import frame_about, local
 from hagoromo.reflectance.body import body_factor
 from hagoromo.reflectance.element import ELEMENTS
 from hagoromo.reflectance.facets import GAUSSIAN
@@ -25,8 +26,6 @@ from hagoromo.reflectance.sampling import (
     LEAST_SHARE,
     LobeShare,
     density_of_lobes,
-    frame_about,
-    local,
     to_lamp_by_lobes,
 )
 from hagoromo.reflectance.torrance_sparrow import Weights, torrance_sparrow

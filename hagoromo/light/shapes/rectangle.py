@@ -1,83 +1,94 @@
-"""Area light: directions towards a sphere or a rectangle that shines, drawn by the solid angle that a point sees.
-
-A sphere's are uniform within its cone; a rectangle's are uniform within its spherical rectangle (Ureña, Fajardo & King
-2013), or, where that is too small for single precision, uniform over its area. Densities are per solid angle.
-"""
+"""Rectangle: an area lamp that shines to one side, such as a window or a soft box."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Annotated, Any
 
 import drjit as dr
 import numpy as np
 
 from hagoromo.backend import Array3f, Bool, Float, arrays, clip, opaque_vector
-from hagoromo.light.area_lamp import AreaLamp
-from hagoromo.transport.path.scatter import frame_about
+from hagoromo.errors import InputError
+from hagoromo.files.record import Vector, about
+from hagoromo.light.shapes.lamp_shape import Array, LampShape, LightDrawn, LightSeen, PointsOfShape
 
+SQUARE = 1e-6  # cosine of the angle between the sides, at most
+LEAST_SIDE = 1e-9  # of a rectangle, over the other one
 LEAST_SOLID_ANGLE = 0.02  # [sr] of a rectangle whose directions are drawn by the solid angle: its rounding is 1e-6
 UPRIGHT = 1.0 - 1e-6
 
 
-class LightSeen(NamedTuple):
-    """A light in a direction from a point: whether it is there, its distance [m], and its density there [1/sr]."""
+class Rectangle(LampShape, frozen=True, kw_only=True):
+    """A rectangle about the place of the lamp."""
 
-    there: Bool
-    distance: Float
-    density: Float
+    edges: Annotated[
+        tuple[Vector, Vector],
+        about("two sides of a rectangle as vectors at right angles [m]; it shines to the side of their cross product"),
+    ]
 
+    @property
+    def word(self) -> str:
+        """See `LampShape`."""
+        return "rectangle"
 
-class LightDrawn(NamedTuple):
-    """A direction to a light, the distance to it [m], and its density [1/sr]; 0: the point sees none of it."""
+    @property
+    def sides(self) -> Array:
+        """(2, 3) [m]."""
+        return np.array(self.edges)
 
-    to_lamp: Array3f
-    distance: Float
-    density: Float
+    @property
+    def normal(self) -> Array:
+        """(3,) unit: the direction into which it shines."""
+        normal = np.cross(*self.sides)
+        return normal / np.linalg.norm(normal)
 
+    @property
+    def area(self) -> float:
+        """Of its front."""
+        return float(np.linalg.norm(np.cross(*self.sides)))
 
-class SphereLight:
-    """A sphere that shines outwards. `radiance`, `share`, `drawn` and `seen` are what every area light has."""
+    def checked(self, who: str) -> Rectangle:
+        """`InputError` for sides without a length, or at no right angle."""
+        lengths = np.linalg.norm(self.sides, axis=1)
+        if not (lengths.min() > LEAST_SIDE * lengths.max() and np.isfinite(lengths).all()):
+            raise InputError(
+                f"{who}: edges are {lengths[0]:.3g} m and {lengths[1]:.3g} m long: give two sides with a length"
+            )
+        if not abs(self.sides[0] @ self.sides[1]) <= SQUARE * lengths.prod():
+            raise InputError(
+                f"{who}: edges {self.sides.tolist()} are not at right angles: give the sides of a rectangle"
+            )
+        return self
 
-    def __init__(self, lamp: AreaLamp) -> None:
-        jit = arrays()
-        self.centre, self.visible = opaque_vector(lamp.position), lamp.visible
-        self.radius, self.radiance = (dr.opaque(jit.Float, float(x)) for x in (lamp.radius or 0.0, lamp.radiance))
+    def corners(self) -> Array:
+        """Its four corners."""
+        return 0.5 * np.array([(1, 1), (1, -1), (-1, 1), (-1, -1)]) @ self.sides
 
-    def share(self, point: Array3f) -> Float:
-        """Irradiance that it gives on what faces it, without shadows; 0 within it."""
-        squared = dr.squared_norm(self.centre - point)
-        inside = squared <= self.radius * self.radius
-        return dr.select(inside, 0.0, math.pi * self.radiance * self.radius * self.radius / squared)
+    def points(self, count: int) -> PointsOfShape:
+        """The middles of equal parts, nearly square."""
+        first, second = np.linalg.norm(self.sides, axis=1)
+        across = 2 ** min(max(round(0.5 * math.log2(count * first / second)), 0), round(math.log2(count)))
+        shares = np.stack(np.meshgrid(*((np.arange(n) + 0.5) / n - 0.5 for n in (across, count // across))), axis=-1)
+        return PointsOfShape(shares.reshape(-1, 2) @ self.sides, np.tile(self.normal, (count, 1)))
 
-    def drawn(self, point: Array3f, u: Float, v: Float) -> LightDrawn:
-        """A direction by two uniform numbers."""
-        away = self.centre - point
-        squared, cap = dr.squared_norm(away), self._cap(point)
-        along = away * dr.rsqrt(squared)
-        fall = u * cap  # 1 − cosine from the middle
-        sine, (turn_sine, turn_cosine) = dr.sqrt(dr.fmax(fall * (2.0 - fall), 0.0)), dr.sincos(2.0 * math.pi * v)
-        one, other, _ = frame_about(along)
-        way = dr.normalize(along * (1.0 - fall) + (one * turn_cosine + other * turn_sine) * sine)
-        distance = dr.sqrt(squared)
-        inner = dr.fmax(self.radius * self.radius - squared * sine * sine, 0.0)
-        density = dr.select(cap > 0.0, 1.0 / (2.0 * math.pi * cap), 0.0)
-        return LightDrawn(way, distance * (1.0 - fall) - dr.sqrt(inner), density)
+    def on_device(self, position: Array, radiance: float, visible: bool) -> RectangleLight:
+        """See `LampShape`."""
+        return RectangleLight(self, position, radiance, visible)
 
-    def seen(self, point: Array3f, direction: Array3f) -> LightSeen:
-        """What is seen of it from a point in a unit direction."""
-        away, cap = self.centre - point, self._cap(point)
-        along = dr.dot(away, direction)
-        inner = self.radius * self.radius - dr.squared_norm(away - direction * along)
-        there = (inner > 0.0) & (along > 0.0) & (cap > 0.0)
-        distance = along - dr.sqrt(dr.fmax(inner, 0.0))
-        return LightSeen(there, distance, dr.select(there, 1.0 / (2.0 * math.pi * dr.fmax(cap, 1e-30)), 0.0))
+    def mitsuba(self, position: Array) -> tuple[str, dict[str, Any]]:
+        """See `LampShape`."""
+        pose = np.eye(4)
+        pose[:3, :3] = np.column_stack([0.5 * self.sides[0], 0.5 * self.sides[1], self.normal])
+        pose[:3, 3] = position
+        return "rectangle", {"to_world": pose}
 
-    def _cap(self, point: Array3f) -> Float:
-        """1 − cosine of half its angle; 0 within it."""
-        sine = self.radius * self.radius / dr.squared_norm(self.centre - point)
-        return dr.select(sine < 1.0, sine / (1.0 + dr.sqrt(dr.fmax(1.0 - sine, 0.0))), 0.0)
+    def usd(self) -> tuple[str, Array, dict[str, float]]:
+        """See `LampShape`."""
+        first, second = np.linalg.norm(self.sides, axis=1)
+        axes = np.column_stack([self.sides[1] / second, self.sides[0] / first, -self.normal])
+        return "RectLight", axes, {"width": float(second), "height": float(first)}
 
 
 @dataclass
@@ -100,16 +111,17 @@ class _Local:
 
 
 class RectangleLight:
-    """A rectangle that shines to one side; see `SphereLight`."""
+    """A rectangle that shines to one side. Directions are uniform within its spherical rectangle (Ureña, Fajardo & King
+    2013), or, where that is too small for single precision, uniform over its area.
+    """
 
-    def __init__(self, lamp: AreaLamp) -> None:
-        jit, edges = arrays(), lamp.edges
-        assert edges is not None
+    def __init__(self, shape: Rectangle, position: Array, radiance: float, visible: bool) -> None:
+        jit, edges = arrays(), np.array(shape.edges)
         lengths = [float(length) for length in np.linalg.norm(edges, axis=1)]
-        self.corner, self.visible = opaque_vector(lamp.position - 0.5 * edges.sum(axis=0)), lamp.visible
+        self.corner, self.visible = opaque_vector(position - 0.5 * edges.sum(axis=0)), visible
         self.axes = [opaque_vector(edge / length) for edge, length in zip(edges, lengths, strict=True)]
-        self.normal, self.lengths = opaque_vector(lamp.normal), [dr.opaque(jit.Float, length) for length in lengths]
-        self.area, self.radiance = (dr.opaque(jit.Float, float(x)) for x in (lamp.area, lamp.radiance))
+        self.normal, self.lengths = opaque_vector(shape.normal), [dr.opaque(jit.Float, length) for length in lengths]
+        self.area, self.radiance = (dr.opaque(jit.Float, float(x)) for x in (shape.area, radiance))
 
     def share(self, point: Array3f) -> Float:
         """A bound of the irradiance that it gives on what faces it, without shadows; 0 behind it."""
@@ -181,8 +193,3 @@ def _angle(one: Array3f, other: Array3f) -> Float:
     half = 2.0 * dr.asin(dr.fmin(0.5 * dr.norm(one - other), 1.0))
     beyond = math.pi - 2.0 * dr.asin(dr.fmin(0.5 * dr.norm(one + other), 1.0))
     return dr.select(dr.dot(one, other) < 0.0, beyond, half)
-
-
-def area_light(lamp: AreaLamp) -> SphereLight | RectangleLight:
-    """The light of an area lamp, whose places count from the origin of its scene."""
-    return RectangleLight(lamp) if lamp.radius is None else SphereLight(lamp)
