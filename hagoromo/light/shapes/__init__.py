@@ -8,8 +8,9 @@ from hagoromo.files.record import decode
 from hagoromo.light.shapes.lamp_shape import LampShape
 from hagoromo.light.shapes.rectangle import Rectangle
 from hagoromo.light.shapes.sphere import Sphere
+from hagoromo.light.shapes.tube import Tube
 
-SHAPES: tuple[type[LampShape], ...] = (Sphere, Rectangle)
+SHAPES: tuple[type[LampShape], ...] = (Sphere, Rectangle, Tube)
 KEYS = {key: shape for shape in reversed(SHAPES) for key in shape.__struct_fields__}  # the first that has each
 
 
