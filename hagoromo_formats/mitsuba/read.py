@@ -261,7 +261,7 @@ class _Scene:
         return np.asarray(mesh.vertices, float), np.asarray(mesh.faces), uv_of(mesh)
 
     def area_lamp(self, part: Table, light: Table, place: Matrix, mesh: Any, who: str) -> None:
-        """A sphere or rectangle that shines. Other shapes: a rectangle if it is one, else a sphere of the same area."""
+        """A sphere, rectangle or tube that shines. A mesh: a rectangle if it is one, else a sphere of the same area."""
         lamp = self.light(light.get("radiance"), "radiance", who)
         lamp |= {"visible": not self.hidden, "name": str(part.get("id", ""))}
         self.bsdfs.say("lamps with a size neither reflect nor hide what is behind them")
@@ -274,11 +274,18 @@ class _Scene:
             lamp |= _square(
                 place, math.sqrt(math.pi) if part["type"] == "disk" else 2.0, part.get("flip_normals") is True
             )
+        elif part["type"] == "cylinder" and part.get("flip_normals") is not True:
+            pose = _unit_place(part, place)  # its axis is the third one
+            radii = np.linalg.norm(pose[:3, :2], axis=0)
+            lamp |= {"position": (pose[:3, 3] + 0.5 * pose[:3, 2]).tolist(), "along": pose[:3, 2].tolist()}
+            lamp |= {"radius": float(np.sqrt(radii.prod()))}
         elif mesh is not None:
             vertices = mesh[0] @ place[:3, :3].T + place[:3, 3]
             lamp |= self.shining_mesh(vertices, mesh[1], part.get("flip_normals") is True, who)
         else:
-            raise InputError(f"{who} shines and is a {part['type']}: give a sphere, a rectangle, a disk or a mesh")
+            raise InputError(
+                f"{who} shines and is a {part['type']}: give a sphere, a rectangle, a disk, a cylinder or a mesh"
+            )
         self.sections["area_lamp"].append(lamp)
 
     def shining_mesh(self, vertices: Matrix, faces: NDArray[Any], flip: bool, who: str) -> dict[str, Any]:

@@ -304,7 +304,7 @@ class _UsdScene:
         elif kind == "DiskLight":
             area = scales[0] * scales[1] * math.pi * float(table["radius"]) ** 2
         else:
-            area = 2.0 * math.pi * radius * scale * float(table["length"])
+            area = 2.0 * math.pi * radius * float(scales[0]) * float(table["length"])
         shaping = self.shaping(table, place)
         point = kind == "SphereLight" and (table["treatAsPoint"] or shaping or not radius)
         if table["normalize"] or not area:  # by the area in units of the file
@@ -322,8 +322,8 @@ class _UsdScene:
         if kind == "SphereLight":
             self.area_lamps.append({"radius": radius, **common})
         elif kind == "CylinderLight":
-            self.lost.append(f"{who}: its shape: it is a sphere of the same area")
-            self.area_lamps.append({"radius": math.sqrt(area / (4.0 * math.pi)), **common})
+            along = float(table["length"]) * place[:3, 0]
+            self.area_lamps.append({"radius": radius, "along": along.tolist(), **common})
         else:
             if kind == "DiskLight":
                 self.lost.append(f"{who}: its shape: it is a square of the same area")
