@@ -33,7 +33,7 @@ from hagoromo.image.scene import Scene
 from hagoromo.image.settings import Settings
 from hagoromo.image.unfinished import RenderInterrupted, sums_of, with_sums
 from hagoromo.image.walk_sums import PixelSums, Stop, WalkSums
-from hagoromo.image.walked import Walked
+from hagoromo.image.walked import Spans, Walked
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.progress import Progress, part_of, silent
 from hagoromo.transport.gamma_rows import GammaRows
@@ -132,8 +132,8 @@ def _walk(
     stream = WalkStream(scene, settings, cache, bands, number)
     stop, at_once = Stop(settings, share), walks_at_once(stream, sums.pixels)
     while stop.goes_on(sums):
-        for pixels, count in sums.launches(at_once):
-            stream.add(sums, pixels, pixels, count)
+        for pixels, counts in sums.launches(at_once):
+            stream.add(sums, pixels, pixels, counts)
             progress(stop.progress(sums))
 
 
@@ -189,7 +189,7 @@ def lights_of(scene: Scene, prepared: PreparedScene, rows: GammaRows | None) -> 
 def walks_at_once(stream: WalkStream, pixels: int) -> int:
     """Walks of one launch: fewer where they are long. `InputError` where they have no end."""
     some = np.unique(np.linspace(0, pixels - 1, FIRST_LOOK).astype(np.int64))
-    events = np.array(stream.walk(some, np.zeros(len(some)), 1).events)
+    events = np.array(stream.walk(some, np.zeros(len(some)), np.ones(len(some), np.int64)).events)
     if stream.settings.orders is None and (events >= ALL_ORDERS).mean() > ENDLESS:
         raise InputError(
             f"light has no end here: most walks were scattered {ALL_ORDERS} times, so that no number of them gives a "
@@ -216,19 +216,20 @@ class WalkStream:
         self.prepared = PreparedScene(scene, replace(settings, shadows="none"), cache, together=False)
         self.walks, self.settings, self.batch = walks_of(scene, self.prepared, bands), settings, number
 
-    def add(self, sums: PixelSums, rows: NDArray[np.int64], pixels: NDArray[np.int64], count: int) -> None:
-        """Add the next `count` walks through some pixels to their rows in `sums`."""
-        walks = self.walk(pixels, sums.walks[rows], count)
+    def add(
+        self, sums: PixelSums, rows: NDArray[np.int64], pixels: NDArray[np.int64], counts: NDArray[np.int64]
+    ) -> None:
+        """Add the next walks through some pixels, `counts` of each, to their rows in `sums`."""
+        walks = self.walk(pixels, sums.walks[rows], counts)
         covered = dr.select(walks.events > 0, arrays().Float(1), 0.0)
-        sums.add(rows, Walked(walks.light, covered), count)
+        sums.add(rows, Walked(walks.light, covered), counts)
 
-    def walk(self, pixels: NDArray[np.int64], samples: NDArray[np.float64], count: int) -> Queue:
-        """`count` walks through each of some pixels, pixel after pixel, from number `samples` on."""
+    def walk(self, pixels: NDArray[np.int64], samples: NDArray[np.float64], counts: NDArray[np.int64]) -> Queue:
+        """Walks through some pixels, `counts` of each, pixel after pixel, from number `samples` on."""
         jit, camera = arrays(), self.prepared.camera
-        lane = dr.arange(jit.UInt, len(pixels) * count)
-        each, width = dr.opaque(jit.UInt, count), dr.opaque(jit.UInt, camera.width)
-        pixel = dr.gather(jit.UInt, lookup(jit.UInt, pixels.astype(np.uint32)), lane // each)
-        sample = dr.gather(jit.UInt, lookup(jit.UInt, samples.astype(np.uint32)), lane // each) + lane % each
+        width, (place, number) = dr.opaque(jit.UInt, camera.width), Spans(counts).pixels()
+        pixel = dr.gather(jit.UInt, lookup(jit.UInt, pixels.astype(np.uint32)), place)
+        sample = dr.gather(jit.UInt, lookup(jit.UInt, samples.astype(np.uint32)), place) + number
         random = random_numbers(pixel, sample, self.settings.seed + (self.batch << 32))
         x = jit.Float(pixel % width) + random.next_float32()
         y = jit.Float(pixel // width) + random.next_float32()

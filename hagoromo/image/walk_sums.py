@@ -53,21 +53,21 @@ class PixelSums:
         """The rows of pixels that have fewer walks than are wanted."""
         return np.flatnonzero(self.walks < self.table[:, WANTED])
 
-    def launches(self, at_once: int) -> Iterator[tuple[NDArray[np.int64], int]]:
+    def launches(self, at_once: int) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
         """Pixels, and how many further walks through each of them, of launches of `at_once` walks at most, until all
-        that are wanted are there.
+        that are wanted are there. All pixels get walks in turn, so that an unfinished picture is a whole one.
         """
         while (lacking := self.lacking()).size:
-            left = (self.table[:, WANTED] - self.walks)[lacking]
-            count = int(min(max(at_once // lacking.size, 1), left.min()))
+            left = (self.table[:, WANTED] - self.walks)[lacking].astype(np.int64)
+            counts = np.minimum(left, max(at_once // lacking.size, 1))
             for begin in range(0, lacking.size, at_once):
-                yield lacking[begin : begin + at_once], count
+                yield lacking[begin : begin + at_once], counts[begin : begin + at_once]
 
-    def add(self, pixels: NDArray[np.int64], walked: Walked, walks: int) -> None:
-        """Add the next `walks` of each of some pixels."""
+    def add(self, pixels: NDArray[np.int64], walked: Walked, counts: NDArray[np.int64]) -> None:
+        """Add the next walks of some pixels, `counts` of each."""
         rows = self.table[pixels]
-        rows[:, : SQUARE + 1] = walked.added(rows[:, : SQUARE + 1], self.luminance, walks)
-        rows[:, WALKS] += walks
+        rows[:, : SQUARE + 1] = walked.added(rows[:, : SQUARE + 1], self.luminance, counts)
+        rows[:, WALKS] += counts
         self.table[pixels] = rows
 
 

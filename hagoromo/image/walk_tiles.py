@@ -41,8 +41,8 @@ def walked(order: SceneOrder, batch: int, pixels: NDArray[np.int64], rows: Array
     held = held_scene(order)
     stream, at_once = held.ready(("path", batch), lambda: _stream(held, batch))
     sums = PixelSums(rows.copy(), luminance)
-    for some, count in sums.launches(at_once):
-        stream.add(sums, some, pixels[some], count)
+    for some, counts in sums.launches(at_once):
+        stream.add(sums, some, pixels[some], counts)
     return sums.table
 
 

@@ -342,7 +342,7 @@ def test_the_variance_of_a_picture_is_that_of_its_mean():
     for begin in (0, 4):
         for part in (slice(0, 20), slice(20, 50)):
             some = np.arange(begin, min(begin + 4, 6))
-            sums.add(some, Walked.of(draws[some, part]), len(draws[0, part]))
+            sums.add(some, Walked.of(draws[some, part]), np.full(len(some), len(draws[0, part])))
     weights, coverage = sums.mean()
     y = hg.Image(draws[..., :-1], draws[..., -1], sums.palette).xyz()[..., 1]
     assert weights.reshape(6, 4) == pytest.approx(draws[..., :-1].mean(axis=1), rel=1e-6)

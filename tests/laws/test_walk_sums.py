@@ -26,10 +26,9 @@ def sums_of_picture():
     return WalkSums(SIDE, SIDE, palette, WHITE)
 
 
-def add(sums, pixels, count, values, met):
-    """Add `count` walks of each of some pixels: what each brought, and whether it met matter; pixel by pixel."""
-    drawn = np.stack([values, met], axis=-1).astype(np.float32).reshape(len(pixels), count, 2)
-    sums.add(pixels, Walked.of(drawn), count)
+def add(sums, pixels, counts, values, met):
+    """Add walks through some pixels, `counts` of each: what each brought, and whether it met matter."""
+    sums.add(pixels, Walked.of(np.stack([values, met], axis=-1).astype(np.float32)), counts)
 
 
 def ramp():
@@ -80,11 +79,11 @@ def picture(scene, draw, seed, error):
     random, sums, (covered, bright) = np.random.default_rng(seed), sums_of_picture(), scene()
     stop, matter = Stop(Settings(error=error), 1.0), covered > 0.0
     while stop.goes_on(sums):
-        for pixels, count in sums.launches(1 << 16):
-            each = np.repeat(pixels, count)
+        for pixels, counts in sums.launches(1 << 16):
+            each = np.repeat(pixels, counts)
             met = random.random(each.size) < covered[each]
             values = met * draw(random, bright[each])
-            add(sums, pixels, count, values, met)
+            add(sums, pixels, counts, values, met)
     seen, true = sums.mean()[0].ravel()[matter], (covered * bright)[matter]
     off = math.sqrt(np.mean((seen - true) ** 2)) / true.mean()
     return off, seen.mean() / true.mean(), sums.walks.reshape(SIDE, SIDE)
@@ -120,9 +119,9 @@ def test_walks_of_a_pixel_do_not_depend_on_what_it_found():
     middle, other = (20 * SIDE + 10, 20 * SIDE + 30)
     values[middle], values[other] = 9.0, 0.0
     sums.want(64)
-    for pixels, count in sums.launches(1 << 20):
+    for pixels, counts in sums.launches(1 << 20):
         drawn = values[pixels].ravel()
-        add(sums, pixels, count, drawn, drawn > 0.0)
+        add(sums, pixels, counts, drawn, drawn > 0.0)
     wanted = sums.walks_for(0.01)
     assert wanted[other] == pytest.approx(wanted[middle], rel=0.5)
     assert wanted[middle + 1] == pytest.approx(wanted[middle - 1], rel=0.5)
@@ -142,19 +141,23 @@ def test_sums_are_the_same_bits_as_channels_of_a_file():
         sums_of_channels(channels)
 
 
-@pytest.mark.parametrize(("pixels", "walks", "channels"), [(1, 1, 1), (1, 7, 3), (5, 3, 1), (5, 4, 11)])
-def test_sums_are_those_of_numpy_walk_by_walk(pixels, walks, channels):
-    """In double precision, as NumPy adds them; single pixels, walks and channels, too. On the CPU the same bits."""
-    random = np.random.default_rng(4)
-    values = random.lognormal(0.0, 3.0, (pixels, walks, channels + 1)).astype(np.float32)
-    sums, luminance = random.random((pixels, channels + 2)), random.random(channels)
-    wanted, y = sums.copy(), np.zeros((pixels, walks))
+@pytest.mark.parametrize(
+    ("counts", "channels"), [([1], 1), ([7], 3), ([3] * 5, 1), ([4] * 5, 11), ([1, 9, 2, 2, 5], 3), ([64, 1], 2)]
+)
+def test_sums_are_those_of_numpy_walk_by_walk(counts, channels):
+    """In double precision, as NumPy adds them; single pixels, walks and channels, and pixels with unlike numbers of
+    walks, too. On the CPU the same bits.
+    """
+    random, counts = np.random.default_rng(4), np.array(counts)
+    values = random.lognormal(0.0, 3.0, (counts.sum(), channels + 1)).astype(np.float32)
+    sums, luminance = random.random((len(counts), channels + 2)), random.random(channels)
+    wanted, y = sums.copy(), np.zeros(len(values))
     for k in range(channels):
-        y += values[..., k].astype(np.float64) * luminance[k]
-    for walk in range(walks):
-        wanted[:, :-1] += values[:, walk]
-        wanted[:, -1] += np.square(y[:, walk].astype(np.float32))
-    found = Walked.of(values).added(sums, luminance, walks)
+        y += values[:, k].astype(np.float64) * luminance[k]
+    for walk, pixel in enumerate(np.repeat(np.arange(len(counts)), counts)):
+        wanted[pixel, :-1] += values[walk]
+        wanted[pixel, -1] += np.square(y[walk].astype(np.float32))
+    found = Walked.of(values).added(sums, luminance, counts)
     if name() == "llvm":
         assert np.array_equal(found, wanted)
     np.testing.assert_allclose(found, wanted, rtol=2e-7)  # on a GPU products and sums of Y may be joined
@@ -164,9 +167,9 @@ def test_an_interrupt_finds_whole_rows():
     """A launch is in the table with all its numbers or none."""
     sums = sums_of_picture()
     sums.want(2)
-    for pixels, count in sums.launches(700):
+    for pixels, counts in sums.launches(700):
         before = sums.table.copy()
-        add(sums, pixels, count, np.ones(count * len(pixels)), np.ones(count * len(pixels)))
+        add(sums, pixels, counts, np.ones(counts.sum()), np.ones(counts.sum()))
         changed = (sums.table != before).any(axis=1)
         assert set(np.flatnonzero(changed)) == set(pixels)
         assert (sums.table[changed][:, [0, COVERED]] == sums.walks[changed][:, None]).all()
