@@ -36,7 +36,8 @@ from turns import RECORDS, options, record
 
 import hagoromo as hg
 from hagoromo.image.full_picture import full_picture
-from hagoromo.image.render import SceneCache, pixel_points
+from hagoromo.image.prepared_scene import SceneCache
+from hagoromo.transport.film import pixel_points
 
 BLOCK = 32  # px a side
 SEEN = 0.02  # coverage of a pixel by matter from which it counts

@@ -12,7 +12,7 @@ import drjit as dr
 
 import hagoromo as hg
 from hagoromo.backend import arrays
-from hagoromo.image.render import PreparedScene
+from hagoromo.image.prepared_scene import PreparedScene
 from hagoromo.image.settings import Settings
 from hagoromo.transport.film import tile_place
 from hagoromo.transport.lighting import Lighting

@@ -23,9 +23,10 @@ from hagoromo.image.full_picture import (
 )
 from hagoromo.image.higher_orders import check_matter
 from hagoromo.image.lit_by_points import lit_by_points
-from hagoromo.image.render import PreparedScene, SceneCache, check_mode, palette_of_scene, pixel_points, reflectances_of
+from hagoromo.image.prepared_scene import PreparedScene, SceneCache
 from hagoromo.image.scene import Scene
-from hagoromo.image.settings import Settings
+from hagoromo.image.scene_palette import palette_of_scene, reflectances_of
+from hagoromo.image.settings import Settings, check_mode
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.transport.field.adjoint import Adjoint
 from hagoromo.transport.field.band_colours import ColoursAndShares
@@ -35,7 +36,7 @@ from hagoromo.transport.field.look_up_back import LookUpBack
 from hagoromo.transport.field.scattering import ScatteringTables
 from hagoromo.transport.field.sent_back import ByColour
 from hagoromo.transport.field.solve import Solver
-from hagoromo.transport.film import Film, tile_place, tiled
+from hagoromo.transport.film import Film, pixel_points, tile_place, tiled
 from hagoromo.transport.palette import distinct
 from hagoromo.transport.path.bands import Bands
 

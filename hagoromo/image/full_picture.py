@@ -22,18 +22,11 @@ from hagoromo.image.lamp_batches import Batch, lamp_batches, under_batches
 from hagoromo.image.lit_by_points import lit_by_points
 from hagoromo.image.origin import scene_from
 from hagoromo.image.patch_meshes import patch_meshes
-from hagoromo.image.render import (
-    PreparedScene,
-    SceneCache,
-    gamma_rows_of,
-    metadata,
-    palette_of_scene,
-    reflectances_of,
-    shadow_casters,
-)
+from hagoromo.image.prepared_scene import PreparedScene, SceneCache, gamma_rows_of, shadow_casters
 from hagoromo.image.scene import Scene
+from hagoromo.image.scene_palette import palette_of_scene, reflectances_of
 from hagoromo.image.seen_lights import with_seen_lights
-from hagoromo.image.settings import Settings
+from hagoromo.image.settings import Settings, metadata
 from hagoromo.image.surface import Same
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum

@@ -8,8 +8,8 @@ import warnings
 import numpy as np
 
 from hagoromo.errors import InputError
-from hagoromo.image.render import reflectances_of
 from hagoromo.image.scene import Scene
+from hagoromo.image.scene_palette import reflectances_of
 from hagoromo.image.surface import Surface
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.reflectance import Reflectance

@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 from hagoromo.backend import arrays, opaque_vector
 from hagoromo.image.image import Image
 from hagoromo.image.path_picture import walks_of
-from hagoromo.image.render import PreparedScene, palette_of_scene, reflectances_of
+from hagoromo.image.prepared_scene import PreparedScene
 from hagoromo.image.scene import Scene
+from hagoromo.image.scene_palette import palette_of_scene, reflectances_of
 from hagoromo.image.settings import Settings
 from hagoromo.transport.path.bands import Bands
 from hagoromo.transport.path.path import Walks, five_of, random_numbers
@@ -57,6 +58,12 @@ def layers_of(scene: Scene, settings: Settings, look: LookAt | None = None) -> d
     layers |= {f"albedo.{name}": albedo[:, 0, k] for k, name in enumerate("RGB")}
     layers["material.id"] = np.where(count > 0, 1 + materials[:, 1:].argmax(axis=1), 0)
     return {name: np.float32(values).reshape(camera.height, camera.width) for name, values in layers.items()}
+
+
+def with_layers(image: Image, scene: Scene, settings: Settings, look: LookAt | None = None) -> Image:
+    """A picture of a scene with the layers of what it shows. look: who looks; default: this process."""
+    record = image.metadata | {"materials": names_of_materials(scene)}
+    return replace(image, layers=layers_of(scene, settings, look), metadata=record)
 
 
 def names_of_materials(scene: Scene) -> list[str]:

@@ -21,16 +21,10 @@ from hagoromo.image.image import Image
 from hagoromo.image.lamp_batches import Batch, lamp_batches, under_batches
 from hagoromo.image.nesting import Glass
 from hagoromo.image.origin import scene_from
-from hagoromo.image.render import (
-    PreparedScene,
-    SceneCache,
-    gamma_rows_of,
-    metadata,
-    palette_of_scene,
-    reflectances_of,
-)
+from hagoromo.image.prepared_scene import PreparedScene, SceneCache, gamma_rows_of
 from hagoromo.image.scene import Scene
-from hagoromo.image.settings import Settings
+from hagoromo.image.scene_palette import palette_of_scene, reflectances_of
+from hagoromo.image.settings import Settings, metadata
 from hagoromo.image.unfinished import RenderInterrupted, sums_of, with_sums
 from hagoromo.image.walk_sums import PixelSums, Stop, WalkSums
 from hagoromo.image.walked import Spans, Walked

@@ -17,12 +17,13 @@ from hagoromo.errors import InputError
 from hagoromo.image.image import Image
 from hagoromo.image.lamp_batches import lamp_batches
 from hagoromo.image.lit_by_points import lit_by_points
+from hagoromo.image.march_picture import picture
 from hagoromo.image.origin import scene_from, scene_origin
-from hagoromo.image.render import PreparedScene, SceneCache, metadata, picture, pixel_points, shadow_casters
+from hagoromo.image.prepared_scene import PreparedScene, SceneCache, shadow_casters
 from hagoromo.image.scene import Scene
 from hagoromo.image.seen_lights import SeenLights, camera_sees_lights, with_light
-from hagoromo.image.settings import Settings, scene_and_settings
-from hagoromo.transport.film import Film
+from hagoromo.image.settings import Settings, metadata, scene_and_settings
+from hagoromo.transport.film import Film, pixel_points
 
 FIRST_SECONDS = 0.1  # time until the first picture [s]
 FIRST_RAYS = 1 << 15  # rays of a first picture before any has been timed

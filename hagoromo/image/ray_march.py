@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from hagoromo.backend import arrays
 from hagoromo.errors import InputError
 from hagoromo.image.lit_by_points import lit_by_points
-from hagoromo.image.render import PreparedScene
+from hagoromo.image.prepared_scene import PreparedScene
 from hagoromo.image.scene import Scene
 from hagoromo.image.settings import Settings
 from hagoromo.transport.differentiable_medium import DifferentiableMedium

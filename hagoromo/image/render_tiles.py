@@ -22,20 +22,20 @@ from hagoromo.files.memory import require
 from hagoromo.image.full_picture import SolvedScene, batches_and_bands, full_picture
 from hagoromo.image.image import Image
 from hagoromo.image.lamp_batches import Batch, WeightsOfLamps, lamp_batches
-from hagoromo.image.layers import PIXELS_AT_ONCE, Looked, looked_at
+from hagoromo.image.layers import PIXELS_AT_ONCE, Looked, looked_at, with_layers
 from hagoromo.image.lit_by_points import lit_by_points
 from hagoromo.image.modes import Mode
 from hagoromo.image.path_picture import path_picture
-from hagoromo.image.render import PreparedScene, metadata, pixel_points, with_layers
+from hagoromo.image.prepared_scene import PreparedScene
 from hagoromo.image.scene import Scene
 from hagoromo.image.scene_file import camera_and_settings, load_scene
 from hagoromo.image.scene_on_worker import HeldScene, SceneOrder, held_scene
 from hagoromo.image.seen_lights import SeenLights, camera_sees_lights, with_light
-from hagoromo.image.settings import Settings
+from hagoromo.image.settings import Settings, metadata
 from hagoromo.image.walk_tiles import walk_on
 from hagoromo.light.lamp import Lamp
 from hagoromo.progress import Progress, part_of, silent
-from hagoromo.transport.film import RAYS_AT_ONCE, TILE, Film, pixels_of, tiled
+from hagoromo.transport.film import RAYS_AT_ONCE, TILE, Film, pixel_points, pixels_of, tiled
 from hagoromo.transport.palette import Palette
 
 TASKS_PER_WORKER = 8  # of a picture, so that none waits long for the last

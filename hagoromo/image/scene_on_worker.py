@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 from hagoromo.errors import InputError
 from hagoromo.files.content import content_with_named
 from hagoromo.image.modes import Mode
-from hagoromo.image.render import SceneCache
+from hagoromo.image.prepared_scene import SceneCache
 from hagoromo.image.scene import Scene
 from hagoromo.image.scene_file import load_for_picture, load_scene
 from hagoromo.image.settings import Settings

@@ -18,8 +18,9 @@ from hagoromo.backend import Array3f, Float, arrays
 from hagoromo.image.emitter_mesh import emitters_of
 from hagoromo.image.image import Image
 from hagoromo.image.origin import depth_of_matter, scene_from
-from hagoromo.image.render import PreparedScene, SceneCache, palette_of_scene
+from hagoromo.image.prepared_scene import PreparedScene, SceneCache
 from hagoromo.image.scene import Scene
+from hagoromo.image.scene_palette import palette_of_scene
 from hagoromo.image.settings import Settings
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
+from hagoromo import __version__
+from hagoromo.backend import name as backend_name
 from hagoromo.errors import InputError
 from hagoromo.image.cut import Cut, checked_cut
-from hagoromo.image.modes import SHADOWS, Shadows
+from hagoromo.image.modes import SHADOWS, Mode, Shadows
 from hagoromo.image.scene import Scene
 from hagoromo.transport.frames import DEFAULT_TOLERANCE
 
@@ -80,3 +83,18 @@ def scene_and_settings(scene: Scene | str | Path, settings: Settings | None = No
 
     loaded, stated = load_scene(scene)
     return loaded, settings or stated
+
+
+def check_mode(settings: Settings, mode: Mode) -> None:
+    """`InputError` for settings that the mode does not heed."""
+    if settings.cut is not None and mode != "march":
+        raise InputError(f"a cut is for mode march, and the mode is {mode}: leave the cut out, or render by march")
+    heeded = {"march": (), "full": ("orders",), "path": ("orders", "error", "seconds")}[mode]
+    given = [key for key in ("orders", "error", "seconds") if getattr(settings, key) is not None and key not in heeded]
+    if given:
+        raise InputError(f"{given[0]} is for mode path, and the mode is {mode}: leave it out, or render by path")
+
+
+def metadata(scene: Scene, settings: Settings) -> dict[str, Any]:
+    """Metadata of an image: version, backend, settings and scene, as plain values."""
+    return {"version": __version__, "backend": backend_name(), "settings": asdict(settings), "scene": scene.record()}

@@ -128,3 +128,16 @@ def tile_order(width: int, height: int) -> NDArray[np.uint32]:
     """Pixel numbers (row · width + column) in the order of their rays."""
     column, row = tile_place(np.arange(tiled(width, height)), width)
     return (row * width + column)[(column < width) & (row < height)].astype(np.uint32)
+
+
+def pixel_points(samples: int, seed: int) -> np.ndarray:
+    """Points of a pixel and phases of the march, (samples, 3) in 0…1: the middle, or one in each of `samples` equal
+    strips along each axis, in the order of the R3 sequence (Roberts 2018).
+
+    Their mean is the middle of the pixel exactly: another one would shift the picture.
+    """
+    if samples == 1:
+        return np.array([[0.5, 0.5, 0.0]])
+    steps = np.outer(np.arange(samples), R3)
+    order = np.argsort((np.random.default_rng(seed).random(3) + steps) % 1.0, axis=0)
+    return (np.argsort(order, axis=0) + 0.5) / samples

@@ -12,7 +12,7 @@ from hagoromo.errors import InputError
 from hagoromo.files.png import read_png
 from hagoromo.files.record import read_json, read_toml
 from hagoromo.files.toml_text import toml_text
-from hagoromo.image import render as rendering
+from hagoromo.image import prepared_scene
 from hagoromo.image.film import film as filming
 from hagoromo.image.film.film import FilmOrder, Turn, film, frame_image, frame_tables
 from hagoromo.image.film.motion import Motion, turned
@@ -185,9 +185,9 @@ def test_frames_build_nothing_twice(turning, tmp_path, monkeypatch):
     from hagoromo.image import scene_file
 
     built = []
-    begin = rendering.Medium.__init__
-    monkeypatch.setattr(rendering.Medium, "__init__", lambda *some: built.append("Medium") or begin(*some))
-    for where, name in ((rendering, "mapped_attenuation"), (scene_file, "load_box")):
+    begin = prepared_scene.Medium.__init__
+    monkeypatch.setattr(prepared_scene.Medium, "__init__", lambda *some: built.append("Medium") or begin(*some))
+    for where, name in ((prepared_scene, "mapped_attenuation"), (scene_file, "load_box")):
         make = getattr(where, name)
         monkeypatch.setattr(where, name, lambda *some, make=make, name=name: built.append(name) or make(*some))
     made = film(turning, tmp_path / "orbit", turn=Turn(3, camera=True, lamps=False))

@@ -9,7 +9,7 @@ from hagoromo.app.cli import main
 from hagoromo.camera.response import Response, camera_white
 from hagoromo.camera.srgb_from_camera import srgb_from_camera
 from hagoromo.files.exr import write_exr
-from hagoromo.image import render as rendering
+from hagoromo.image import march_picture
 from hagoromo.image.image import Image
 from hagoromo.image.render import render
 from hagoromo.image.scene_file import load_scene
@@ -70,7 +70,7 @@ def test_an_image_is_lit_and_seen_anew_without_a_march(folder, monkeypatch):
     assert shown is not None and watcher.next() is None
     image = render(scene, Settings(separate_lamps=True))
     assert np.array_equal(shown.picture, image.display()), "it is not the picture that render writes"
-    monkeypatch.setattr(rendering, "PreparedScene", None)
+    monkeypatch.setattr(march_picture, "PreparedScene", None)
     lamp_set_to(desk, 1, "stops", 1.0)
     lamp_set_to(desk, 2, "spectra", "A")
     set_to(desk, camera_response="Nikon 5100 (NPL)")

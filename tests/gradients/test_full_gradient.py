@@ -12,7 +12,8 @@ import hagoromo.image.full_gradient as full_gradient
 import hagoromo.image.full_picture as full_picture
 import hagoromo.transport.field.solve as solve
 from hagoromo.backend import arrays, lookup
-from hagoromo.image.render import PreparedScene, SceneCache, reflectances_of
+from hagoromo.image.prepared_scene import PreparedScene, SceneCache
+from hagoromo.image.scene_palette import reflectances_of
 from hagoromo.transport.field.adjoint import fitted_back
 from hagoromo.transport.field.band_colours import BandColours
 from hagoromo.transport.field.fit import fitted

@@ -16,7 +16,8 @@ import hagoromo.transport.field.solve as solve
 from hagoromo.backend import arrays
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
-from hagoromo.image.render import PreparedScene, SceneCache, pixel_points, render
+from hagoromo.image.prepared_scene import PreparedScene, SceneCache
+from hagoromo.image.render import render
 from hagoromo.image.scene import Scene
 from hagoromo.image.settings import Settings
 from hagoromo.light.lamp import Lamp
@@ -30,6 +31,7 @@ from hagoromo.transport.field.cells import with_neighbours
 from hagoromo.transport.field.directions import directions, turn
 from hagoromo.transport.field.scattering import ScatteringTables, scattered
 from hagoromo.transport.field.second_order import projected, second_order
+from hagoromo.transport.film import pixel_points
 from hagoromo.volume.box import VolumeBox
 
 WHITE = Spectrum.constant(1.0)

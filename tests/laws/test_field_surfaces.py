@@ -13,11 +13,12 @@ import pytest
 import hagoromo as hg
 import hagoromo.image.full_picture as full
 import hagoromo.image.patch_meshes as patch_meshes
-from hagoromo.image.render import SceneCache, pixel_points
+from hagoromo.image.prepared_scene import SceneCache
 from hagoromo.reflectance.element import Element
 from hagoromo.transport.field import matter_samples
 from hagoromo.transport.field.cells import Cells
 from hagoromo.transport.field.patches import Patches
+from hagoromo.transport.film import pixel_points
 
 WHITE = hg.Spectrum.constant(1.0)
 RED = hg.Spectrum([360, 400, 700, 830], [0.15, 0.15, 0.85, 0.85])

@@ -9,13 +9,14 @@ import pytest
 
 from hagoromo.backend import arrays
 from hagoromo.camera.camera import Camera
-from hagoromo.image.render import render, tile_order
+from hagoromo.image.render import render
 from hagoromo.image.scene import Scene
 from hagoromo.image.settings import Settings
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.element import element_weights
 from hagoromo.reflectance.reflectance import Reflectance
+from hagoromo.transport.film import tile_order
 from hagoromo.transport.lighting import Lighting
 from hagoromo.transport.march import march, optical_depth
 from hagoromo.transport.materials import Materials

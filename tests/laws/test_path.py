@@ -15,7 +15,7 @@ import pytest
 import hagoromo as hg
 from hagoromo.backend import arrays
 from hagoromo.image import path_picture
-from hagoromo.image.render import PreparedScene
+from hagoromo.image.prepared_scene import PreparedScene
 from hagoromo.image.walk_sums import WalkSums
 from hagoromo.image.walked import Walked
 from hagoromo.reflectance.element import ELEMENTS

@@ -10,8 +10,9 @@ import pytest
 
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
+from hagoromo.image.prepared_scene import PreparedScene
 from hagoromo.image.preview import Preview, preview, strides
-from hagoromo.image.render import PreparedScene, render
+from hagoromo.image.render import render
 from hagoromo.image.scene import Scene
 from hagoromo.image.settings import Settings
 from hagoromo.image.surface import Surface

@@ -5,8 +5,9 @@ import pytest
 
 from hagoromo.camera.camera import Camera
 from hagoromo.files.record import read_toml
+from hagoromo.image.prepared_scene import SceneCache
 from hagoromo.image.preview import Preview
-from hagoromo.image.render import SceneCache, render
+from hagoromo.image.render import render
 from hagoromo.image.scene import Scene
 from hagoromo.image.settings import Settings
 from hagoromo.image.surface import Surface

@@ -28,11 +28,12 @@ from hagoromo.image.film.motion import Tables, read_motion, turned
 from hagoromo.image.film.sheet import SHEET_FRAMES, STRIP_FRAMES, chosen, sheet, strip
 from hagoromo.image.image import Image, auto_exposure
 from hagoromo.image.modes import MODES, Mode
+from hagoromo.image.prepared_scene import SceneCache
 from hagoromo.image.read_once import read_once
-from hagoromo.image.render import SceneCache, check_mode, picture_of_mode
+from hagoromo.image.render import picture_of_mode
 from hagoromo.image.scene import Scene
 from hagoromo.image.scene_file import camera_and_settings, scene_from_tables
-from hagoromo.image.settings import Settings
+from hagoromo.image.settings import Settings, check_mode
 from hagoromo.progress import Progress, part_of, silent
 
 MOST_FRAMES = 100_000

@@ -1,0 +1,278 @@
+"""Prepared scene: what every mode makes of a scene on the device, before the first ray.
+
+It knows no mode. A cache keeps what the next scene may use again.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import drjit as dr
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.backend import Array3f, Float, arrays
+from hagoromo.image.cut import CutRays
+from hagoromo.image.gloss_texture import gloss_rows
+from hagoromo.image.origin import Origin, depth_of_matter, origin_of, scene_from, scene_origin
+from hagoromo.image.scene import Scene
+from hagoromo.image.scene_palette import palette_of_scene, reflectances_of
+from hagoromo.image.settings import Settings
+from hagoromo.image.surface import Same, Surface, Surfaces
+from hagoromo.image.surface_texture import SurfaceTexture
+from hagoromo.light.lamp import by_place
+from hagoromo.transport.differentiable_medium import differentiable_attenuation
+from hagoromo.transport.film import tile_order as tile_order
+from hagoromo.transport.gamma_rows import GammaRows
+from hagoromo.transport.lighting import Attenuation, AttenuationOfAll, Lighting, ShadowRay
+from hagoromo.transport.march import march
+from hagoromo.transport.materials import Materials
+from hagoromo.transport.medium import Medium
+from hagoromo.transport.palette import Palette, position_of
+from hagoromo.transport.sample import TexelHit
+from hagoromo.transport.shadow import brute_attenuation, fitting_resolution, mapped_attenuation, too_wide_for_maps
+from hagoromo.transport.surface_colours import SurfaceColours, TextureOfSurface, surface_element
+from hagoromo.volume.box import VolumeBox
+
+COARSEST_MAP = 32  # texels along a side of a shadow map at least
+
+Value = TypeVar("Value")
+
+
+class SceneCache:
+    """One value per name with the key that it was built from. The old value is released before the new one is built."""
+
+    def __init__(self) -> None:
+        self._entries: dict[str, tuple[tuple[Any, ...], Any]] = {}
+
+    def key(self, name: str) -> tuple[Any, ...]:
+        """The key that the value `name` was built from; () where there is none."""
+        return self._entries[name][0] if name in self._entries else ()
+
+    def get(self, name: str, key: tuple[Any, ...], build: Callable[[], Value]) -> Value:
+        """The value `name`, built now unless it was built from the same `key`."""
+        if self.key(name) != key:
+            self._entries.pop(name, None)
+            self._entries[name] = key, build()
+        return self._entries[name][1]
+
+
+class PreparedScene:
+    """A scene on the device, ready for rays: medium, surfaces, materials, lamps and shadow maps.
+
+    All places count from `origin` (3,) [m], world, see `origin_of`: those of `camera`, the scene's own, and of rays.
+    ahead: depth at which the camera's rays begin, in front of all matter [m].
+    cache: what an earlier scene left on the device; values that did not change are used again.
+    stride: camera pixels along a side of one of the picture; a coarse one needs no more texels of shadow maps.
+    together: see `Lighting`; where there are shadow maps, lamps at one place always are.
+    medium: class of the medium.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        settings: Settings,
+        cache: SceneCache | None = None,
+        stride: int = 1,
+        together: bool = True,
+        medium: type[Medium] = Medium,
+    ) -> None:
+        cache, world, self.origin = cache or SceneCache(), scene, scene_origin(scene)
+        scene = scene_from(world, self.origin)
+        self.camera = camera = scene.camera
+        self.ahead = depth_of_matter(scene)
+        self.cut = None if settings.cut is None else CutRays(settings.cut, self.origin)
+        texels = None if stride == 1 else math.isqrt(camera.width * camera.height) // stride
+        width = stride / (max(camera.focal) * math.sqrt(settings.samples if stride == 1 else 1))
+        self.spread = dr.opaque(arrays().Float, width)  # of a ray, per metre
+        self.first_width = dr.opaque(arrays().Float, width * self.ahead)  # of a camera ray, where it begins [m]
+        reflectances, bases = reflectances_of(scene), [box.basis for box in scene.boxes]
+        self.palette = palette_of_scene(scene, settings)
+        self.channels = self.palette.channels
+        self.medium = _medium(scene, settings, cache, medium)
+        self.first_on_surface = dr.opaque(arrays().UInt, len(reflectances) - len(scene.surfaces))
+        self.surfaces = _surfaces(world, cache, self.origin)
+        sheets = any(surface.reflectance.transmits for surface in scene.surfaces)
+        self.thickness = 2.0 * self.surfaces.shadow_bias if self.surfaces and sheets else None  # see `surface_element`
+        self.surface_colours = surface_colours_of(scene, self.palette, cache)
+        boxes_shade: Attenuation | None = None
+        attenuation: Attenuation | AttenuationOfAll | None = None
+        if medium.differentiable and settings.shadows != "none":
+            attenuation = _attenuation_of_all(self.medium, self.surfaces)
+        elif self.medium and (
+            settings.shadows == "march" or (settings.shadows == "map" and too_wide_for_maps(self.medium))
+        ):
+            boxes_shade = brute_attenuation(self.medium)
+        elif self.medium and settings.shadows == "map":
+            boxes_shade = _maps(scene, settings, self.medium, cache, texels)
+        if settings.shadows != "none":
+            attenuation = attenuation or _attenuation(boxes_shade, self.surfaces)
+        materials = Materials(reflectances, self.palette)
+        self.lighting = Lighting(scene.lamps, materials, attenuation, bases, together, medium.differentiable)
+
+    def camera_radiance(self, origin: Array3f, direction: Array3f, phase: Float) -> tuple[list[Float], Float]:
+        """`radiance` along rays of the camera, which begin `ahead` of it."""
+        if self.cut is None:
+            return self.radiance(origin, direction, phase, self.first_width)
+        begin, length = self.cut.span(origin, direction)
+        width = dr.fma(begin, self.spread, self.first_width)
+        return self.radiance(dr.fma(direction, begin, origin), direction, phase, width, length)
+
+    def radiance(
+        self,
+        origin: Array3f,
+        direction: Array3f,
+        phase: Float = 0.0,
+        width: Float = 0.0,
+        length: Float | None = None,
+    ) -> tuple[list[Float], Float]:
+        """Weights of the radiance towards `origin` along rays, one Float per channel, and their alpha 0…1 (opacity).
+
+        origin: counted from that of the scene, `self.origin`. width: of the rays there [m]. length: of the rays [m],
+        default infinite.
+        """
+        jit, far = arrays(), arrays().Float(dr.inf)
+        behind: list[Any] = [jit.Float(0)] * self.lighting.channels
+        if self.surfaces:
+            hit = self.surfaces.hit(origin, direction)
+            if self.lighting.surface_light:
+                dr.eval(hit)  # else its rays would be traced once more after those of the patches
+            far = hit.distance if length is None else dr.select(hit.distance < length, hit.distance, dr.inf)
+            materials, textures = self.lighting.materials, self.surface_colours
+            element = surface_element(materials, self.first_on_surface, hit, textures, self.thickness)
+            coefficients = materials.coefficients(element.material)
+            if textures is not None:
+                coefficients = textures.with_textures(coefficients, hit)
+            light, _ = self.lighting.reflected_radiance(hit.point, -direction, [element], [coefficients])
+            channels = self.lighting.in_groups(light)
+            if self.lighting.surface_light:
+                there = dr.isfinite(far)
+                channels += self.lighting.surface_light.radiance(hit.point, element, coefficients, -direction, there)
+            behind = [dr.select(dr.isfinite(far), channel, 0.0) for channel in channels]
+        if self.medium is None:
+            return behind, dr.select(dr.isfinite(far), 1.0, jit.Float(0))
+        smooth = self.lighting.field is not None  # which is that of texels at their finest level
+        cone = (0.0, 0.0) if smooth else (jit.Float(width), self.spread)
+        end = far if length is None else dr.minimum(far, length)
+        channels, passed = march(self.medium, self.lighting, origin, direction, jit.Float(0), end, phase, cone=cone)
+        channels = [dr.fma(passed, back, front) for front, back in zip(channels, behind, strict=True)]
+        return channels, 1.0 - dr.select(dr.isfinite(far), 0.0, passed)
+
+
+def shadow_casters(scene: Scene, settings: Settings) -> tuple[tuple, tuple]:
+    """Keys of the medium and of its shadow maps: equal for scenes, counted from their origins, that may share them."""
+    boxes = tuple((*_matter(box), box.pose.tobytes()) for box in scene.boxes)
+    places = ((lamp.position is None, lamp.to_lamp if lamp.position is None else lamp.position) for lamp in scene.lamps)
+    lamps = tuple((far, np.asarray(place).tobytes()) for far, place in places)
+    return (boxes, settings.tolerance), lamps
+
+
+def _matter(box: VolumeBox) -> tuple:
+    """What the medium takes from a box but its pose."""
+    elements = tuple(material.element for material in box.materials)
+    return box.bricks, box.voxel_size, box.tau, elements, box.shadow_bias, box.extinction
+
+
+def _medium(scene: Scene, settings: Settings, cache: SceneCache, kind: type[Medium]) -> Medium | None:
+    """The scene's boxes on the device; None without boxes."""
+    if not scene.boxes:
+        return None
+    boxes, _ = shadow_casters(scene, settings)
+    return cache.get("medium", (kind, *boxes), lambda: kind(scene.boxes, settings.tolerance))
+
+
+def _surfaces(scene: Scene, cache: SceneCache, origin: Origin) -> Surfaces | None:
+    """The scene's surfaces as Mitsuba holds them, for rays counted from `origin`; None without surfaces.
+
+    Mitsuba counts from an origin of their own: a box that moves does not build its trees anew.
+    """
+    if not scene.surfaces:
+        return None
+    own = origin_of(scene.surfaces, scene.camera)
+    figures = (own.tobytes(), *(surface.figure for surface in scene.surfaces))
+    return cache.get("surfaces", figures, lambda: Surfaces(scene.surfaces, own)).seen_from(origin)
+
+
+def surface_colours_of(scene: Scene, palette: Palette, cache: SceneCache) -> SurfaceColours | None:
+    """The textures of the surfaces of a scene on the device; None where there are none."""
+    if not any(texture for surface in scene.surfaces for texture in surface.textures):
+        return None
+    colours = len(palette.colours)
+    bodies, factors, widths, key = [], [], [], []
+    for surface in scene.surfaces:
+        places = [position_of(s, palette.bodies) for s in surface.body_texture.spectra] if surface.body_texture else []
+        bodies.append(_texture(surface, surface.body_texture, np.eye(len(palette.bodies), dtype=np.float32)[places]))
+        factors.append(_texture(surface, surface.beta_texture, np.ones((1, 1), np.float32)))
+        widths.append(_texture(surface, surface.gamma_texture, np.ones((1, 1), np.float32)))
+        key.append((surface.figure, Same(surface.uv), *surface.textures, tuple(places)))
+    first = len(palette.bodies)
+    places = range(first, first + len(palette.interfaces))
+    return cache.get("textures", (colours, *key), lambda: SurfaceColours(bodies, factors, widths, places))
+
+
+def gamma_rows_of(scene: Scene) -> GammaRows | None:
+    """Rows of materials whose γ differs from place to place; None where no surface has a texture of it."""
+    reflectances = reflectances_of(scene)
+    first = len(reflectances) - len(scene.surfaces)
+    further = {
+        first + k: [(row.of(brightest), row.factor) for row in gloss_rows(gamma, s.beta_texture)]
+        for k, s in enumerate(scene.surfaces)
+        for gamma, brightest in ([(s.gamma_texture, s.brightest)] if s.gamma_texture is not None else [])
+    }
+    return GammaRows(reflectances, further) if further else None
+
+
+def _texture(
+    surface: Surface, texture: SurfaceTexture | None, on_palette: NDArray[np.float32]
+) -> TextureOfSurface | None:
+    """A texture of a surface as kernels take it."""
+    if texture is None:
+        return None
+    if texture.of == "image" and surface.uv is not None:
+        assert surface.faces is not None
+        return TextureOfSurface(texture.values, texture.smooth, on_palette, surface.faces, surface.uv)
+    corners = surface.faces if texture.of == "vertices" else None
+    return TextureOfSurface(texture.values, texture.smooth, on_palette, corners)
+
+
+def _attenuation(boxes_shade: Attenuation | None, surfaces: Surfaces | None) -> Attenuation:
+    """Transmittance from a lamp to a point through all boxes, 0 behind a surface."""
+
+    def share(
+        lamp: int, point: Array3f, to_lamp: Array3f, distance: Float, extinction: Float, texel_hit: TexelHit | None
+    ) -> Float:
+        passed = arrays().Float(1)
+        if boxes_shade:
+            passed = boxes_shade(lamp, point, to_lamp, distance, extinction, texel_hit)
+        return dr.select(surfaces.visible(point, to_lamp, distance), passed, 0.0) if surfaces else passed
+
+    return share
+
+
+def _attenuation_of_all(medium: Medium | None, surfaces: Surfaces | None) -> AttenuationOfAll:
+    """The same with derivatives."""
+    boxes_shade = differentiable_attenuation(medium) if medium else None
+
+    def shares(rays: list[ShadowRay]) -> list[Float]:
+        passed = boxes_shade(rays) if boxes_shade else [arrays().Float(1)] * len(rays)
+        if not surfaces:
+            return passed
+        return [dr.select(surfaces.visible(*ray), each, 0.0) for ray, each in zip(rays, passed, strict=True)]
+
+    return shares
+
+
+def _maps(scene: Scene, settings: Settings, medium: Medium, cache: SceneCache, texels: int | None) -> Any:
+    """Shadow maps of the lamps: with at most `texels` a side, if given, unless finer ones are there already."""
+    casters, resolution = shadow_casters(scene, settings), settings.shadow_resolution
+    lamps = [scene.lamps[numbers[0]] for numbers in by_place(scene.lamps)]
+    resolution = resolution or fitting_resolution(medium.boxes, settings.tolerance)
+    if texels:
+        resolution = min(resolution, max(texels, COARSEST_MAP))
+        if cache.key("maps")[:1] == (casters,):
+            resolution = max(resolution, *cache.key("maps")[1:])
+    return cache.get(
+        "maps", (casters, resolution), lambda: mapped_attenuation(medium, lamps, resolution, settings.tolerance)
+    )
