@@ -8,7 +8,7 @@ TOOLS := .venv/pins
 INSTALL := -m pip install --quiet --disable-pip-version-check --only-binary=:all:
 OWN := --no-deps --no-build-isolation -e .
 
-.PHONY: help setup demo test test-slow data docs bench figures fuzz crash package platforms schemas cycles constraints audit lowest
+.PHONY: help setup demo test test-all test-slow data docs bench figures fuzz crash package platforms schemas cycles constraints audit lowest
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):.* ## /\1 /p' Makefile | while read -r name about; do printf '  make %-10s %s\n' "$$name" "$$about"; done
@@ -32,11 +32,14 @@ data: $(READY) ## where each set of real data comes from, its licence, and wheth
 demo: $(READY) ## the paper from end to end, into out/demo/report.html
 	$(BIN)/hagoromo demo --out out/demo --force --open-page
 
-test: $(READY) ## style, types, layers, and every test that is not slow: what .ci/run and the workflow run
+test: $(READY) ## style, types, layers, and every quick test: what .ci/run and the workflow run
 	$(BIN)/ruff check --quiet .
 	$(BIN)/ruff format --check --quiet .
 	$(BIN)/pyright --pythonpath $(BIN)/python
 	$(BIN)/lint-imports --no-cache
+	$(BIN)/pytest -n 2 --dist worksteal -m "not slow and not nightly"
+
+test-all: $(READY) ## every test that is not slow: those in a browser, with real data and of many seeds, too (every night)
 	$(BIN)/pytest -n 2 --dist worksteal -m "not slow"
 
 platforms: $(READY) ## types as on Windows and on macOS: a call that one of them lacks fails

@@ -7,6 +7,8 @@ import os
 
 import pytest
 
+from tests.data import NEEDS_DATA
+
 os.environ["MPLBACKEND"] = "Agg"
 os.environ["HAGOROMO_CACHE"] = "off"
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # read when NumPy and SciPy are first imported
@@ -38,3 +40,11 @@ def exact_derivatives():
 
     if name() == "cuda":
         pytest.skip("derivatives in double precision are good to 1e-6 here")
+
+
+def pytest_collection_modifyitems(items):
+    """A test in a browser, or with real data, is one for the night."""
+    for item in items:
+        reasons = [str(mark.kwargs.get("reason", "")) for mark in item.iter_markers("skipif")]
+        if "browser" in item.fixturenames or any(reason.startswith(NEEDS_DATA) for reason in reasons):
+            item.add_marker(pytest.mark.nightly)

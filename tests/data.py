@@ -19,12 +19,13 @@ from pathlib import Path
 import pytest
 
 HERE = Path(__file__).resolve().parent
+NEEDS_DATA = "real data"  # how the reasons of skipped tests begin
 DATA = Path(os.environ.get("HAGOROMO_DATA", HERE.parents[1] / "shared" / "data"))
 
 
 def real_data(path: str | Path) -> pytest.MarkDecorator:
     """Skip a test where `path`, a set or a file of one, is not in `DATA`: `DATA / path` is what it then reads."""
-    reason = f"real data {path} is absent from ../shared/data: `make data` says where it comes from"
+    reason = f"{NEEDS_DATA} {path} is absent from ../shared/data: `make data` says where it comes from"
     return pytest.mark.skipif(not (DATA / path).exists(), reason=reason)
 
 
