@@ -46,7 +46,7 @@ from hagoromo_page.publication.publish import page_source
 from hagoromo_page.viewer.maps_plate import MapsPlate
 from hagoromo_page.viewer.open_desk import open_desk
 from hagoromo_page.viewer.plates import PlateLight
-from hagoromo_page.viewer.view_state import Development
+from hagoromo_page.viewer.view_state import ViewTransform
 from tests.app.published_ball import TRUTHS, estimate
 
 ROWS = {row.name: row for row in PARAMETERS}
@@ -337,7 +337,7 @@ def forms_of(measurement, folder):
         record = hg.export(measurement, [form], folder / form)["formats"][form]
         forms[form] = contents(folder / form, ("export.json",)), [record["lost"], *record["lost_of_materials"]]
     plate = MapsPlate(page_source(measurement, None).maps, measurement)
-    forms["viewer"] = plate.linear("picture", PlateLight(), Development()).tolist(), [repr(measurement.materials)]
+    forms["viewer"] = plate.linear("picture", PlateLight(), ViewTransform()).tolist(), [repr(measurement.materials)]
     return forms
 
 
