@@ -99,7 +99,7 @@ def step_lines(title: str, clock: Callable[[], float] = time.monotonic) -> Progr
 
 
 def time_left(share: float, seconds: float) -> str:
-    """How long work will go on of which a `share` took `seconds`, if the rest takes as long: a few words, or none."""
+    """Time that is left, in a few words, if a `share` of the work took `seconds`; or none."""
     if not LEAST_SHARE <= share < 1.0:
         return ""
     left = seconds * (1.0 - share) / share

@@ -10,7 +10,7 @@ from tyro.conf import arg
 
 @dataclass(frozen=True)
 class SensorOptions:
-    """What the files of the photographs do not state."""
+    """Facts that the files of the photographs do not state."""
 
     transfer: str | None = None
     """transfer curve of 8-bit photographs: linear, srgb, estimate (develop: from the exposures of its bracket; capture:

@@ -27,7 +27,7 @@ def printable_streams() -> None:
 
 
 def give_up_streams() -> None:
-    """Let nothing more be written to the standard streams, which would fail again as the process ends."""
+    """Write nothing more to the standard streams: it would fail again when the process ends."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(AttributeError, OSError, ValueError):

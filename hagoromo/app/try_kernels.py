@@ -98,7 +98,7 @@ def _llvm() -> Facts:
 
 
 def _loaded(name: str) -> str | None:
-    """Path of the library whose file has `name` in it and that this process has loaded, where the system tells."""
+    """Path of a library that this process has loaded, with `name` in its file name; None if the system does not say."""
     import psutil
 
     process: Any = psutil.Process()

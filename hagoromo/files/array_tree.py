@@ -84,7 +84,7 @@ def _plain(value: Any, arrays: _Arrays) -> Any:
 
 
 def _made(tree: Any, arrays: Arrays, types: Mapping[str, type]) -> Any:
-    """What `_plain` made the tree of."""
+    """What `_plain` was given, from its tree."""
     match tree:
         case {"array": name}:
             return arrays[name]

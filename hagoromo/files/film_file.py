@@ -55,7 +55,7 @@ def write_film(path: Path, suffix: str, frames: Iterable[Frame], rate: float) ->
 
 
 def _write_gif(path: Path, frames: Sequence[Frame], rate: float) -> None:
-    """All frames have one palette, of the colours of eight of them: what stands still does not flicker."""
+    """All frames share one palette, made from eight of them, so that still parts do not flicker."""
     from PIL import Image
 
     some = np.concatenate(frames[:: max(len(frames) // 8, 1)])

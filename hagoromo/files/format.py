@@ -101,7 +101,7 @@ def formats_of(*holds: str) -> tuple[Format, ...]:
 
 
 def suffixes_read(*holds: str) -> str:
-    """The suffixes of what is read, of formats that hold one of `holds` (none: of all), for messages."""
+    """Suffixes of the formats that are read and hold one of `holds` (none: all formats), for messages."""
     chosen = formats_of(*holds) if holds else formats()
     return ", ".join(dict.fromkeys(suffix for form in chosen if form.reader for suffix in form.suffixes if suffix))
 

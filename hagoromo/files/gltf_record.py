@@ -296,7 +296,7 @@ def _check_accessor(gltf: Gltf, number: int, where: str) -> None:
 
 
 def _named(gltf: Gltf) -> Iterator[tuple[str, str, int]]:
-    """All numbers of entries that are read: where each stands, the list that it means, the number."""
+    """All index numbers that are read: the place of each, the list that it points into, and the number."""
     named: list[tuple[str, str, int | None]] = [("scene", "scenes", gltf.scene if gltf.scenes else None)]
     for k, stage in enumerate(gltf.scenes):
         named += [(f"a node of scene {k}", "nodes", number) for number in stage.nodes]

@@ -49,7 +49,7 @@ def alone(target: Path, mine: Container[Path] = ()) -> Iterator[None]:
 
 
 def tidy(target: Path) -> None:
-    """Deal with what a killed process left of `target`; `InputError` while another process writes it."""
+    """Clean up after a process that was killed while it wrote `target`; `InputError` while another one writes it."""
     if any(os.path.lexists(beside(target, what)) for what in ("lock", "writing", "building")):
         with alone(target):
             pass

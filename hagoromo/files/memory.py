@@ -69,7 +69,7 @@ def shortage(error: BaseException) -> str:
 
 
 def _left_by_limits() -> Iterator[int]:
-    """What the limits of the process on its addresses and its data leave; nothing where the system has none."""
+    """Memory that the limits of the process leave (address space, data); none are given if the system has no limits."""
     import psutil
 
     system: Any = psutil
@@ -84,7 +84,7 @@ def _left_by_limits() -> Iterator[int]:
 
 
 def _left_by_groups() -> Iterator[int]:
-    """What each control group of the process and those above it leave."""
+    """Memory that each control group of the process, and those above it, leave."""
     for folder in _groups():
         for limit, usage, files in FILES_OF_GROUP:
             most, used = _number(folder / limit), _number(folder / usage)

@@ -70,7 +70,7 @@ def mesh_format(path: str | Path) -> Format:
 
 
 def _mesh_of(arrays: Mapping[str, Any]) -> Any:
-    """The mesh of what `mesh_by_trimesh` gives, by what its name says: uv, colours of vertices or faces."""
+    """The mesh in the arrays of `mesh_by_trimesh`: vertices, faces, and uv and colours where there are any."""
     import trimesh
     from trimesh.visual import ColorVisuals, TextureVisuals
 

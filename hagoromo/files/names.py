@@ -14,7 +14,7 @@ def printable(text: object) -> str:
 
 
 def reason(error: BaseException, most: int = 200) -> str:
-    """What an exception of a library says, in one line of `most` characters; its kind where it says nothing."""
+    """The message of an exception in one line of at most `most` characters; its type if it has no message."""
     return printable(error)[:most] or type(error).__name__
 
 

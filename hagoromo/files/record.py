@@ -254,7 +254,7 @@ def json_value(text: bytes | str, where: str) -> Any:
 
 
 class _TwiceStated(Exception):
-    """A key of a table of JSON that stands there twice: which value holds would be a guess."""
+    """A key that a JSON table has twice: it is not clear which value is meant."""
 
 
 def _table(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

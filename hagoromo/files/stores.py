@@ -154,7 +154,7 @@ def sizes(path: str | Path) -> dict[str, int]:
 
 
 def state(path: str | Path) -> str:
-    """Text that changes with what is under an address: names, sizes, and tags or times of change as the store has."""
+    """A text that changes when the objects under an address change: names, sizes, tags or times of change."""
     listed = _listed(path)
     kept = ("size", "ETag", "etag", "md5Hash", "generation", "mtime", "created", "LastModified")
     return repr([(name, [(key, str(facts[key])) for key in kept if key in facts]) for name, facts in listed.items()])

@@ -287,7 +287,7 @@ def scratch_folder(within: Path | None = None) -> Iterator[Path]:
 
 @contextmanager
 def holding(work: Path) -> Iterator[None]:
-    """Let what this process writes into the folder `work` be written as it is, while the block runs."""
+    """While the block runs, files in the folder `work` are written in place."""
     _held.add(work)
     try:
         yield

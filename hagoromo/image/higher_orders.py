@@ -22,7 +22,7 @@ BANDS_ERROR = 0.02  # of bands, above which a picture warns
 
 
 def albedos_of(scene: Scene) -> list[Spectrum]:
-    """What bodies and interfaces of a scene send on of the light of each wavelength, about."""
+    """About the share of light of each wavelength that bodies and interfaces of a scene reflect."""
     tints = [surface.reflectance.interface_colour for surface in scene.surfaces if surface.optics]
     tints += [through(surface) for surface in scene.surfaces if surface.absorption is not None]
     for surface in scene.surfaces:
@@ -32,7 +32,7 @@ def albedos_of(scene: Scene) -> list[Spectrum]:
 
 
 def through(surface: Surface) -> Spectrum:
-    """What is left of light that goes straight through the whole length of a glass that absorbs."""
+    """Share of light that passes straight through the whole length of a glass that absorbs."""
     assert surface.absorption is not None
     length = float(np.ptp(surface.corners(), axis=0).max())
     wavelengths = np.arange(400.0, 701.0, 1.0)

@@ -15,7 +15,7 @@ Read = TypeVar("Read")
 
 
 def read_once() -> Readers:
-    """What reads the files of a scene, each of them once."""
+    """Readers of the files of a scene, which read each file once."""
     anew = readers()
     return Readers(_once(anew.box), _once(anew.recipe), _meshes_once(anew.mesh))
 

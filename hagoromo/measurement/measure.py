@@ -153,7 +153,7 @@ def _measured(
 
 
 def _under(rig: Rig, capture: Capture, wanted: Wanted, where: Where, progress: Progress) -> Measurement:
-    """`_measured_whole`, with lamps evened by `rig`, as far as its strengths hold."""
+    """`_measured_whole`, with lamps evened by the strengths of `rig`, or by the share of them that fits."""
     share = 1.0
     if capture.points is None or capture.normals is None:
         away = _distance(capture.photographs[0], where.distance, wanted)

@@ -33,7 +33,7 @@ SIGNALS = 128  # an exit status above tells of a signal that ended the command
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a step. said: its last line where it failed. seconds: that it took."""
+    """The result of a step. said: its last line, if it failed. seconds: its duration."""
 
     step: str
     out: Path

@@ -20,7 +20,7 @@ class _Claim(NamedTuple):
 
 
 class Claims:
-    """What the steps write so far. home: of all results."""
+    """Paths that the steps write. home: the folder of all results."""
 
     def __init__(self, home: Path) -> None:
         self.home, self.count = Path(os.path.realpath(home)), 0

@@ -128,12 +128,12 @@ def _values(match: Match | None) -> dict[str, str]:
 
 
 def _filled(text: str, values: Mapping[str, str]) -> str:
-    """The text with what its placeholders stand for, those of `values`."""
+    """The text with its placeholders replaced by `values`."""
     return PLACEHOLDER.sub(lambda found: values.get(found[1], found[0]), text)
 
 
 def _template(words: Sequence[str]) -> Call | None:
-    """The call of words whose placeholders are still in its texts and paths; None where one is no text."""
+    """The call that the words of a step make; None where that depends on what replaces a placeholder."""
     try:
         return call_of(words)
     except InputError:
@@ -143,7 +143,7 @@ def _template(words: Sequence[str]) -> Call | None:
 
 
 class _Reads:
-    """What the values of a call name: inputs, and steps whose results they are."""
+    """Inputs that the values of a call name, and steps whose results they use."""
 
     def __init__(self, plan: Plan, needs: set[int]) -> None:
         self.plan, self.needs, self.inputs = plan, needs, list[Input]()

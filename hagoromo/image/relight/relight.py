@@ -110,7 +110,7 @@ def _of_yardsticks(
 
 
 def _learnt(measurement: Measurement, stage: Stage, home: Path) -> dict[str, Learnt]:
-    """What the photographs teach beyond their fit, and beyond the boxes of `stage`, where the shape was solved."""
+    """Corrections learnt from the photographs, beyond the fit and the boxes of `stage`, if the shape was solved."""
     capture, solved = measurement.capture, measurement.normal_map
     if capture is None or solved is None:
         return {}

@@ -188,7 +188,7 @@ class _Mixture(NamedTuple):
         return _Mixture(**{name: field[parts] for name, field in self._asdict().items()})
 
     def tables(self, matrix: Array, variance: Array) -> _CellTables:
-        """What pixels share whose readings, of mean 1, have the `variance` (m,)."""
+        """Tables for all pixels whose readings have mean 1 and this `variance` (m,)."""
         total = matrix @ self.gain + np.diag(variance)
         inverse = np.linalg.inv(total)
         linear = np.einsum("pab,pb->pa", inverse, self.expected)

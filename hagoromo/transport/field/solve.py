@@ -63,7 +63,7 @@ class Solver:
         self.single = sent_from_lamps(self.samples, scattering, lighting, self.bands, self.cells.filled)
 
     def again(self, incident: Numbers) -> Numbers:
-        """What filled cells send on of incident light."""
+        """Light that filled cells scatter again, of the light that reaches them."""
         return sent_again(self.samples, self.scattering, incident, self.bands, self.cells.filled)
 
     def solved(self, seed: int, orders: int | None) -> FieldSolution:
