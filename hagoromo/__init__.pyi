@@ -35,11 +35,8 @@ from .camera.formats.camera_file import read_camera as read_camera, read_views a
 from .photograph.photograph import Photograph as Photograph
 from .photograph.rig import Rig as Rig
 from .photograph.development.exposure import StatedExposure as StatedExposure, read_exposure as read_exposure
-from .photograph.development.development import (
-    CalibrationFrames as CalibrationFrames,
-    Development as Development,
-    develop_exposures as develop_exposures,
-)
+from .photograph.development.development import CalibrationFrames as CalibrationFrames, Development as Development
+from .photograph.development.develop_exposures import develop_exposures as develop_exposures
 from .photograph.development.develop import develop as develop
 from .photograph.gather import gather as gather
 from .photograph.lamp_files import load_lamps as load_lamps, write_lp as write_lp

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated
 
 from tyro.conf import arg
@@ -37,6 +38,9 @@ class SensorOptions:
 
     read_noise: float | None = None
     """read noise of the sensor [electrons]."""
+
+    noise_from: tuple[Path, ...] = ()
+    """further frames of this camera at this ISO, of any scenes: gain and read noise are estimated from all together."""
 
 
 Sensor = Annotated[SensorOptions, arg(name="")]

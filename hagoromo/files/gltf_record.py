@@ -127,7 +127,7 @@ class Node(ForeignRecord, frozen=True, kw_only=True):
     extensions: NodeExtensions | None = None
 
 
-class Stage(ForeignRecord, frozen=True, kw_only=True):
+class GltfScene(ForeignRecord, frozen=True, kw_only=True):
     """An entry of `scenes`."""
 
     nodes: list[Number] = []
@@ -198,7 +198,7 @@ class View(ForeignRecord, frozen=True, kw_only=True):
     perspective: Perspective | None = None
 
 
-class Spot(ForeignRecord, frozen=True, kw_only=True):
+class GltfSpot(ForeignRecord, frozen=True, kw_only=True):
     """The cone of a spot."""
 
     innerConeAngle: Factor = 0.0
@@ -212,7 +212,7 @@ class Lamp(ForeignRecord, frozen=True, kw_only=True):
     type: str = "point"
     color: Colour = (1.0, 1.0, 1.0)
     intensity: Factor = 1.0
-    spot: Spot | None = None
+    spot: GltfSpot | None = None
 
 
 class Lamps(ForeignRecord, frozen=True, kw_only=True):
@@ -232,7 +232,7 @@ class Gltf(ForeignRecord, frozen=True, kw_only=True):
 
     extensionsRequired: list[str] = []
     scene: Number = 0
-    scenes: list[Stage] = []
+    scenes: list[GltfScene] = []
     nodes: Annotated[list[Node], Meta(max_length=MOST_NODES)] = []
     meshes: list[Mesh] = []
     materials: list[Material] = []

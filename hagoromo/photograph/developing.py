@@ -20,7 +20,8 @@ class Developing:
 
     black, white: levels [DN]. mosaic: of files with one channel, such as "RGGB", or "none". transfer: of 8-bit files:
     "linear", "srgb", a CSV, a curve, or "estimate": from bracket, or else one of linear and srgb by the shading of the
-    object. gain [e⁻/DN] and read_noise [e⁻] of the sensor: both or neither, by default estimated from the photographs.
+    object. gain [e⁻/DN] and read_noise [e⁻] of the sensor: both or neither, by default estimated from the photographs,
+    together with noise_from: further frames of this camera at this ISO, of any scenes.
     exposures_s: one for all, or one each [s]. iso: of all. darks: frames without light; dark_exposures_s: their times,
     if their files do not state them [s]. flats: frames of an evenly lit white field. bracket: three or more exposures
     of one scene, which measure the transfer curve; bracket_exposures_s: their times [s].
@@ -32,6 +33,7 @@ class Developing:
     transfer: str | Path | Transfer | None = None
     gain: float | None = None
     read_noise: float | None = None
+    noise_from: Sequence[str | Path] = ()
     exposures_s: Sequence[float] = ()
     iso: float | None = None
     darks: Sequence[str | Path] = ()
@@ -44,6 +46,8 @@ class Developing:
         """Check what goes together."""
         if (self.gain is None) != (self.read_noise is None):
             raise InputError("gain and read_noise (--gain, --read-noise) go together: give both or none")
+        if self.noise_from and self.gain is not None:
+            raise InputError("gain (--gain) states the noise: omit noise_from (--noise-from), or gain and read_noise")
         for what, times, files in (
             ("dark", self.dark_exposures_s, self.darks),
             ("bracket", self.bracket_exposures_s, self.bracket),

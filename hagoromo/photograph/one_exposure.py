@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from hagoromo.camera.sensor import BILINEAR
 from hagoromo.errors import InputError
-from hagoromo.files.exif import Exif
+from hagoromo.files.exif import Exif, read_exif
 from hagoromo.files.picture import read_picture
 from hagoromo.files.tiff import read_tiff
 from hagoromo.photograph.development.exposure import (
@@ -30,14 +30,14 @@ from hagoromo.photograph.development.exposure import (
     read_exposure,
 )
 from hagoromo.photograph.development.master import Dark, Flat
-from hagoromo.photograph.development.noise import Noise, noise_from_frames
+from hagoromo.photograph.development.noise import Noise
 from hagoromo.photograph.development.transfer import Transfer
-from hagoromo.photograph.transforms import ASSUMED_FULL_WELL, ASSUMED_READ_NOISE
 from hagoromo.photograph.variance_model import VarianceModel
 
 NOISE_SIDE = 768  # [px] side of the squares from which the noise is estimated
 LINES_TOGETHER = 256  # whose numbers are looked up at once
 KNOTS = 65  # of the variance of display-encoded numbers
+SAME_ISO = 1e-3  # largest relative difference of equal ISO speeds
 HOT_TIMES, HOT_DEVIATIONS = 4.0, 10.0  # of its brightest neighbour, above it: as `master.odd_samples` has them
 
 
@@ -172,17 +172,20 @@ def light_with_gaps(exposure: Exposure) -> NDArray[np.float32]:
     return values
 
 
-def usual_noise(exposure: Exposure) -> Noise:
-    """The noise of a typical sensor."""
-    return Noise(ASSUMED_FULL_WELL / exposure.white, ASSUMED_READ_NOISE, source="a usual sensor: assumed")
+def middles_of(paths: Sequence[Path], stated: StatedExposure, iso: float | None = None) -> list[Exposure]:
+    """The middles of files, from which the noise of their camera is estimated, with the settings that they state.
 
-
-def noise_of(middles: Sequence[Exposure]) -> Noise:
-    """Noise from the middles of single frames; that of a typical sensor where it cannot be estimated."""
-    try:
-        return noise_from_frames(middles)
-    except InputError:
-        return usual_noise(middles[0])
+    `InputError` for a file of another ISO than `iso`.
+    """
+    found = []
+    for path in paths:
+        middle, exif = read_frame(path, stated, middle=True).exposure, read_exif(path)
+        own = middle.exif.iso or exif.iso
+        if iso is not None and own is not None and abs(own / iso - 1.0) > SAME_ISO:
+            raise InputError(f"{path.name} has ISO {own:g} and the photographs {iso:g}: their noise is not the same")
+        seconds = middle.exif.exposure_s or exif.exposure_s
+        found.append(replace(middle, exif=replace(exif, exposure_s=seconds, iso=own)))
+    return found
 
 
 def hot_samples(

@@ -15,8 +15,9 @@ from hagoromo.errors import InputError
 from hagoromo.light.lamp import Lamp
 from hagoromo.photograph.developing import Developing
 from hagoromo.photograph.development.noise import Noise
+from hagoromo.photograph.development.noise_estimate import estimated_noise
 from hagoromo.photograph.development.transfer import Transfer
-from hagoromo.photograph.one_exposure import light_of, noise_of, read_frame
+from hagoromo.photograph.one_exposure import light_of, middles_of, read_frame
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.photograph.pixels import READERS, read_pixels
 from hagoromo.photograph.session_exif import SessionExif
@@ -130,7 +131,9 @@ class ShotReader:
         pairs = zip(self.paths, self.exif.iso, strict=True)
         same = [path for path, own in pairs if own == iso and path.suffix.lower() != ".exr"]
         chosen = same[:: max(len(same) // NOISE_FRAMES, 1)][:NOISE_FRAMES]
-        return noise_of([read_frame(path, self.developing.stated, middle=True).exposure for path in chosen])
+        further = [Path(path) for path in self.developing.noise_from]
+        own = middles_of(chosen, self.developing.stated)
+        return estimated_noise([], [*own, *middles_of(further, self.developing.stated, iso)])[0]
 
     def _note_transfer(self, path: Path) -> None:
         if path.suffix.lower() in READERS:

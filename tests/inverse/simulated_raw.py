@@ -76,7 +76,15 @@ def raw_bracket(
     sensor: RawSensor = USUAL,
     bands: tuple[float, ...] = SEVERAL_GREENS,
     level: float = 1.0,
+    overs: tuple[float, ...] = (),
 ) -> list[Exposure]:
-    """Seven exposures of one object; level: light relative to one that fills the longest exposure to a third."""
+    """Seven exposures of one object; level: light relative to one that fills the longest exposure to a third.
+
+    overs: what the black of each frame is above the true one, in place of that of the sensor, and as many exposures.
+    """
     light = object_light(seed) * level * sensor.full_well / 3.0 / TIMES[-1] / max(bands)
-    return [raw_exposure(raw_numbers(light, t, sensor, 100 * seed + i, bands), t, sensor) for i, t in enumerate(TIMES)]
+    found = []
+    for i, t in enumerate(TIMES[: len(overs) or None]):
+        own = sensor._replace(over=overs[i]) if overs else sensor
+        found.append(raw_exposure(raw_numbers(light, t, own, 100 * seed + i, bands), t, own))
+    return found

@@ -9,10 +9,12 @@ from scipy.ndimage import gaussian_filter
 from hagoromo.camera.sensor import Sensor
 from hagoromo.errors import InputError
 from hagoromo.files.exif import Exif
-from hagoromo.photograph.development.development import CalibrationFrames, Development, develop_exposures
+from hagoromo.photograph.development.develop_exposures import develop_exposures
+from hagoromo.photograph.development.development import CalibrationFrames, Development
 from hagoromo.photograph.development.exposure import Exposure
 from hagoromo.photograph.development.master import dark_master
-from hagoromo.photograph.development.noise import Noise, noise_from_frames, noise_from_pairs
+from hagoromo.photograph.development.noise import Noise
+from hagoromo.photograph.development.noise_estimate import noise_from_frames, noise_from_pairs
 from tests.inverse.simulated_bracket import FULL, HEIGHT, SENSOR, WIDTH, scene, shot
 from tests.judges import standard_normal
 

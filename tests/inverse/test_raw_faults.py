@@ -7,13 +7,17 @@ import pytest
 
 from hagoromo.app.cli import main
 from hagoromo.errors import InputError
+from hagoromo.files.exif import Exif
 from hagoromo.files.exr import read_exr
 from hagoromo.files.png import write_png
 from hagoromo.photograph.development.develop import develop
-from hagoromo.photograph.development.development import CalibrationFrames, Development, develop_exposures
-from hagoromo.photograph.development.exposure import StatedExposure, read_exposure
-from hagoromo.photograph.development.noise import Noise, noise_from_frames, noise_from_pairs
+from hagoromo.photograph.development.develop_exposures import develop_exposures
+from hagoromo.photograph.development.development import CalibrationFrames, Development
+from hagoromo.photograph.development.exposure import Exposure, StatedExposure, read_exposure
+from hagoromo.photograph.development.noise import Noise
+from hagoromo.photograph.development.noise_estimate import noise_from_frames, noise_from_pairs
 from tests.inverse.simulated_raw import (
+    BLACK,
     HEIGHT,
     SEVERAL_GREENS,
     TIMES,
@@ -36,8 +40,53 @@ def test_brackets_under_narrow_lamps_are_accepted_and_their_noise_is_the_sensors
     found = develop_exposures(raw_bracket(3, RawSensor(over=over), bands))
     assert abs(found.noise.gain - USUAL.gain) < 4 * found.noise.gain_error and found.noise.gain_error < 0.05 * 23.5
     assert abs(found.noise.read_noise - USUAL.read_noise) < 4 * found.noise.read_error
-    assert found.black_offset == pytest.approx(over, abs=0.1)
+    assert list(found.blacks.values())[:4] == pytest.approx([over] * 4, abs=0.1)
     assert len(found.ratios) >= 4 and max(ratio.bend for ratio in found.ratios) <= 0.03
+
+
+EIGHT_BITS = RawSensor(gain=22.0, read_noise=9.0, full_well=6500.0)
+OVERS = (0.7, -0.1, 0.4, 1.0)
+
+
+@pytest.mark.parametrize(("seed", "read_noise", "black"), [(3, 9.0, 0.0), (5, 14.0, 4.0), (6, 5.0, 16.0)])
+def test_eight_bit_brackets_of_dark_scenes_tell_the_noise_and_the_black_of_each_frame(seed, read_noise, black):
+    """Nine tenths of the frame have next to no light, 8 bits, each frame another black; noise is cut off at number 0.
+
+    Gain within a tenth and three standard errors, no pair bends by 3 %. Blacks: to 0.1 DN those of the shorter frames;
+    those of all within three standard errors, as constant light and a black in proportion to the exposure are one.
+    """
+    sensor, rows, columns = EIGHT_BITS._replace(read_noise=read_noise), *np.mgrid[:HEIGHT, :WIDTH]
+    shape = np.exp(-0.5 * (((rows - 70) / 26) ** 2 + ((columns - 90) / 30) ** 2) ** 2)
+    light, shots = (0.004 + shape * object_light(seed, 0.3)) * 0.5 * 255 * sensor.gain / TIMES[3], []
+    for i, over in enumerate(OVERS):
+        numbers = raw_numbers(light, TIMES[i], sensor._replace(over=over), 10 * seed + i)  # of a black of 128 DN
+        signal = np.clip(numbers - BLACK, -black, 255.0 - black)
+        exif = Exif(exposure_s=TIMES[i], iso=100.0)
+        white = 255.0 - black
+        shots.append(Exposure(signal.astype(np.float32), 1 / 12, signal >= white, white, "RGGB", exif, f"{i}"))
+    found = develop_exposures(shots)
+    assert found.noise.source.startswith("pairs of frames") and found.noise.determined
+    assert found.noise.gain == pytest.approx(22.0, rel=0.1)
+    assert abs(found.noise.gain - 22.0) < 3 * found.noise.gain_error
+    assert len(found.ratios) == 3 and max(ratio.bend for ratio in found.ratios) < 0.03
+    off, errors = np.array(list(found.blacks.values())) - OVERS, np.array(list(found.black_errors.values()))
+    assert (np.abs(off[:2]) < 0.1).all() and (np.abs(off) < 3 * errors).all()
+
+
+def test_further_frames_of_a_camera_tell_the_noise_that_two_dark_frames_do_not(recwarn):
+    """Two frames below 3 DN: what is usual takes part, and it is said. With the bracket of another lamp: the truth."""
+    dim = raw_bracket(3, USUAL, BLUE, 0.002, (0.0, 0.0))
+    alone = develop_exposures(dim).noise
+    assert not alone.determined or "assumed" in alone.source
+    assert any("hardly determine" in str(of.message) or "assumed" in str(of.message) for of in recwarn)
+    together = develop_exposures(dim, CalibrationFrames(others=raw_bracket(4))).noise
+    assert together.determined and abs(together.gain - USUAL.gain) < 3 * together.gain_error
+
+
+def test_the_black_of_each_frame_comes_back_from_a_file(tmp_path):
+    found = develop_exposures(raw_bracket(3, overs=OVERS))
+    again = Development.load(found.save(tmp_path / "one.exr"))
+    assert again.blacks == found.blacks and again.black_errors == found.black_errors and len(again.blacks) == 4
 
 
 def test_clipped_samples_and_their_flooded_neighbours_are_left_out():

@@ -13,11 +13,13 @@ from hagoromo.errors import InputError
 from hagoromo.files.exif import read_exif
 from hagoromo.files.picture import read_picture
 from hagoromo.files.tiff import read_tiff
-from hagoromo.photograph.development.development import CalibrationFrames, Development, develop_exposures
+from hagoromo.photograph.development.develop_exposures import develop_exposures
+from hagoromo.photograph.development.development import CalibrationFrames, Development
 from hagoromo.photograph.development.exposure import TIFFS, Exposure, StatedExposure, read_exposure
 from hagoromo.photograph.development.noise import Noise
 from hagoromo.photograph.development.transfer import Transfer, estimate_transfer
 from hagoromo.photograph.development.undistort import undistorted
+from hagoromo.photograph.one_exposure import middles_of
 
 Paths = Sequence[str | Path]
 
@@ -36,6 +38,7 @@ def develop(
     mosaic: str | None = None,
     gain: float | None = None,
     read_noise: float | None = None,
+    noise_from: Paths = (),
     demosaic: Demosaic = "bilinear",
     undistort: str | Path | Camera | None = None,
 ) -> Development:
@@ -49,7 +52,8 @@ def develop(
     an evenly lit white field. transfer: of 8-bit files: "linear", "srgb", "estimate" (from the bracket), a CSV, or a
     curve. exposures_s: exposure times of the photographs, in their order [s]. black, white: levels [DN]. mosaic: of
     files with one channel, such as "RGGB", or "none". gain [e⁻/DN] and read_noise [e⁻]: both or neither;
-    without them they are estimated from the frames. undistort: camera whose lens distortion is removed.
+    without them they are estimated from the frames, together with noise_from: further frames of this camera at this
+    ISO, of any scenes. undistort: camera whose lens distortion is removed.
 
     `InputError` for files that cannot be developed together; see `develop_exposures`.
     """
@@ -58,14 +62,20 @@ def develop(
         raise InputError(f"{len(exposures_s)} exposures for {len(paths)} photographs: give one each")
     if (gain is None) != (read_noise is None):
         raise InputError("gain and read_noise (--gain, --read-noise) go together: give both or none")
+    if gain is not None and noise_from:
+        raise InputError("gain (--gain) states the noise: omit noise_from (--noise-from), or gain and read_noise")
     noise = None if gain is None or read_noise is None else Noise(gain, read_noise)
     if transfer == "estimate":
         transfer = estimated_from_files(paths, exposures_s)
     stated = StatedExposure(black, white, mosaic, transfer, None, iso)
     times = list(exposures_s) or [None] * len(paths)
     exposures = [read_exposure(p, stated._replace(exposure_s=t)) for p, t in zip(paths, times, strict=True)]
+    further = [Path(path) for path in noise_from if Path(path) not in paths]
     frames = CalibrationFrames(
-        _darks(darks, dark_exposures_s, stated, exposures), [read_exposure(path, stated) for path in flats], noise
+        _darks(darks, dark_exposures_s, stated, exposures),
+        [read_exposure(path, stated) for path in flats],
+        noise,
+        middles_of(further, stated, exposures[0].exif.iso),
     )
     development = develop_exposures(exposures, frames, demosaic)
     if undistort is not None:

@@ -1,14 +1,12 @@
-"""Linearity: test that the signal is proportional to the exposure, measure ratios of exposure times and a common black.
+"""Linearity: test that the signal is proportional to the exposure, and measure ratios of exposure times.
 
 Each colour of the mosaic is tested by itself: under lamps of narrow bands its samples differ in signal, and so in what
-clipped neighbours and an offset do to them. The ratios are needed because shutters are accurate to a few percent only,
-the common black because cameras subtract up to 1 DN too much.
+clipped neighbours and an offset do to them. The ratios are needed because shutters are accurate to a few percent only.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -17,15 +15,15 @@ from numpy.typing import NDArray
 from hagoromo.errors import InputError
 from hagoromo.photograph.development.bracket import CEILING, BracketExposure
 from hagoromo.photograph.development.exposure import planes
+from hagoromo.photograph.development.frame_pairs import CUT_OFF, cut_share, neighbours
 from hagoromo.photograph.development.noise import Noise
 
 SHUTTER_TOLERANCE = 0.12  # largest relative error of a stated time: "1/60" is 1/64 s, plus a few percent
-CONTRADICTED = 4.0  # standard errors by which a measured ratio must differ to replace the stated one, or a black from 0
+CONTRADICTED = 4.0  # standard errors by which a measured ratio must differ to replace the stated one
 LARGEST_BEND = 0.03  # largest relative change of the ratio of two exposures from dark to bright samples
 CERTAIN_BEND = 5.0  # standard errors from which such a change is significant
 FAINT_SIGNAL = 0.05  # least signal of the longer exposure, as a share of white, of samples that are compared
-BLACK_SIGNAL = 0.001  # the same of samples that determine the common black, which matters most in the dark
-BLACK_RANGE = (-0.2, 1.0)  # [DN] common black: cameras over-subtract by up to 1 DN; more is a wrong level, not this
+LIT = 5.0  # least signal of a level that has light [standard errors]
 SIGNAL_LEVELS = 5  # number of levels of the signal, of equally many samples
 FEWEST_PER_LEVEL = 100  # least number of samples of a level
 Array = NDArray[np.float64]
@@ -46,6 +44,11 @@ class SignalLevels(NamedTuple):
     high: Array
     low_variance: Array
     high_variance: Array
+
+    def lit(self) -> bool:
+        """Whether every level has light in both, beyond noise."""
+        sides = (self.low, self.low_variance), (self.high, self.high_variance)
+        return all(bool((mean > LIT * np.sqrt(variance)).all()) for mean, variance in sides)
 
     def ratios(self) -> tuple[Array, Array]:
         """high/low at each level, and its standard error."""
@@ -73,62 +76,66 @@ def measured_seconds(
     return seconds, ratios
 
 
-def common_black(shots: Sequence[BracketExposure], noise: Noise, mosaic: str) -> float:
-    """Offset δ [DN] to add to all signals so that they are proportional: h + δ = r (l + δ) at every level.
-
-    r is free for each colour of each pair of successive exposures; δ lies in `BLACK_RANGE`. 0 unless it differs from 0
-    by `CONTRADICTED` standard errors, which include the misfit.
-    """
-    from scipy.optimize import minimize
-
-    pairs = [of for one, other in pairwise(shots) for of in _levels(one, other, noise, mosaic, BLACK_SIGNAL)]
-    if not pairs:
-        return 0.0
-
-    def misfit(black: float) -> float:
-        return sum(_misfit(pair, black) for pair in pairs)
-
-    best = float(minimize(lambda x: misfit(float(x[0])), [0.0], bounds=[BLACK_RANGE], method="Nelder-Mead").x[0])
-    per_freedom = misfit(best) / max(sum(len(pair.low) - 1 for pair in pairs) - 1, 1)
-    return best if misfit(0.0) - misfit(best) > CONTRADICTED**2 * max(per_freedom, 1.0) else 0.0
-
-
-def _misfit(pair: SignalLevels, black: float) -> float:
-    """χ² of the ratio of one pair, fitted, with `black` added to both signals."""
-    low, high = pair.low + black, pair.high + black
-    weight = 1.0 / (pair.high_variance + (high.sum() / low.sum()) ** 2 * pair.low_variance)
-    ratio = (weight * high * low).sum() / (weight * low**2).sum()
-    return float((weight * (high - ratio * low) ** 2).sum())
-
-
-def _levels(
-    short: BracketExposure, long: BracketExposure, noise: Noise, mosaic: str, faint: float
+def levels_of(
+    short: BracketExposure, long: BracketExposure, noise: Noise, mosaic: str, faint: float = -np.inf
 ) -> list[SignalLevels]:
-    """The levels of each colour that has enough samples above `faint` (a share of white) that neither has clipped."""
+    """The levels of each colour that has enough samples above `faint` (a share of white) that neither has clipped.
+
+    Samples are chosen and sorted by their neighbours of the same colour: their own noise must not decide about them.
+    Those so dark that noise is cut off at the least number are left out: their means are too large.
+    """
     stated = long.seconds / short.seconds
-    # from the sum of both, so that samples are not selected or sorted by the noise of their ratio
     level = (short.signal + long.signal) * (stated / (1.0 + stated))
-    usable = ~(short.full | long.full) & (level < CEILING * long.white) & (level > faint * long.white)
+    usable = ~(short.full | long.full)
     curves = [np.sqrt(np.broadcast_to(np.float32(shot.curve), usable.shape)) for shot in (short, long)]
     spreads = [shot.variance(shot.signal / shot.seconds, noise) for shot in (short, long)]
+    roundings = [np.broadcast_to(np.float32(shot.rounding), usable.shape) for shot in (short, long)]
     found = []
-    for fine, bright, *parts in zip(
-        *(planes(a, mosaic) for a in (usable, level, short.signal, long.signal, *spreads, *curves)), strict=True
+    for ok, own, *parts in zip(
+        *(planes(a, mosaic) for a in (usable, level, short.signal, long.signal, *spreads, *curves, *roundings)),
+        strict=True,
     ):
-        low, high, low_spread, high_spread, low_curve, high_curve = (part[fine].astype(np.float64) for part in parts)
-        if low.size < SIGNAL_LEVELS * FEWEST_PER_LEVEL:
-            continue
-        sorted_parts = np.array_split(np.argsort(bright[fine]), SIGNAL_LEVELS)
-        means = [np.array([of[part].mean() for part in sorted_parts]) for of in (low, high, low_curve, high_curve)]
-        variances = [np.array([of[p].mean() / len(p) for p in sorted_parts]) for of in (low_spread, high_spread)]
-        if means[0].min() > 0.0 and means[1].min() > 0.0:
-            found.append(SignalLevels(means[0], means[1], variances[0] + means[2] ** 2, variances[1] + means[3] ** 2))
+        around = neighbours(own.astype(np.float64))
+        whole = [
+            cut_share(neighbours(signal.astype(np.float64)), np.sqrt(spread), float(signal.min()), float(step.mean()))
+            < CUT_OFF
+            for signal, spread, step in zip(parts[:2], parts[2:4], parts[6:], strict=True)
+        ]
+        fine = ok & whole[0] & whole[1] & (around < CEILING * long.white) & (around > faint * long.white)
+        if np.count_nonzero(fine) >= SIGNAL_LEVELS * FEWEST_PER_LEVEL:
+            order = np.argsort(around[fine], kind="stable")
+            found.append(_levels([part[fine].astype(np.float64) for part in parts], order))
     return found
+
+
+def _levels(parts: Sequence[Array], order: NDArray[np.intp]) -> SignalLevels:
+    """Levels of samples in this `order`; parts: low, high; their variances; errors by their curves; roundings."""
+    levels = np.array_split(order, SIGNAL_LEVELS)
+    means = [np.array([of[part].mean() for part in levels]) for of in parts]
+    counts = np.array([len(part) for part in levels])
+    variances = [
+        spread / counts + curve**2 + _rounding_error(spread - rounding, rounding) ** 2
+        for spread, curve, rounding in zip(means[2:4], means[4:6], means[6:], strict=True)
+    ]
+    return SignalLevels(means[0], means[1], variances[0], variances[1])
+
+
+def _rounding_error(noise: Array, rounding: Array) -> Array:
+    """By how much the mean of rounded samples may differ from that of samples: a wave over their fraction [DN].
+
+    Noise (its variance [DN²]) evens it out (Widrow 1961).
+    """
+    return (
+        np.sqrt(12.0 * rounding)
+        * np.exp(-2.0 * np.pi**2 * noise / np.maximum(12.0 * rounding, 1e-30))
+        / (np.pi * np.sqrt(2.0))
+    )
 
 
 def _ratio(short: BracketExposure, long: BracketExposure, noise: Noise, mosaic: str) -> Ratio | None:
     """The mean ratio over levels and colours, and the largest significant bend of any colour; None without samples."""
-    every = [pair.ratios() for pair in _levels(short, long, noise, mosaic, FAINT_SIGNAL)]
+    levels = levels_of(short, long, noise, mosaic, FAINT_SIGNAL)
+    every = [pair.ratios() for pair in levels if pair.lit()]
     if not every:
         return None
     ratios, errors = (np.concatenate(parts) for parts in zip(*every, strict=True))
