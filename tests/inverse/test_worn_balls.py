@@ -9,7 +9,8 @@ from hagoromo.app.lamp_summary import lamp_summary
 from hagoromo.calibration.lamps.ball import find_ball
 from hagoromo.calibration.lamps.highlight import find_highlight
 from hagoromo.calibration.lamps.lamp_speck import roundness
-from hagoromo.calibration.lamps.reading import read_lamp
+from hagoromo.calibration.lamps.reading import read_lamp, read_shading
+from hagoromo.calibration.lamps.shading import SHADING_ERROR, Shading
 from studies.ball_conditions import CHROME, GLOSSY
 from studies.simulated_balls import ball_set
 from tests.inverse.simulated_mirror import degrees_between
@@ -103,6 +104,24 @@ def test_another_spot_as_bright_widens_the_error():
     true = ball.mirrored(LAMP[None]).to_lamp[0]
     reading = read_lamp("lamp", shown, ball)
     assert degrees_between(reading.to_lamp, true) < 2.5 * reading.standard_error_deg
+
+
+def test_highlight_and_shading_that_differ_widen_the_error():
+    """By half of what they differ by, and a shading that no highlight confirms is known half as well."""
+    photograph, mask = crossed(0.0)
+    ball = find_ball(mask)
+    shown = find_highlight(photograph, ball)
+    alone = read_lamp("lamp", shown, ball)
+    across = np.cross(alone.to_lamp, [0.0, 0.0, 1.0])
+    across /= np.linalg.norm(across)
+    for degrees in (1.0, 5.0, 20.0):
+        turned = np.cos(np.radians(degrees)) * alone.to_lamp + np.sin(np.radians(degrees)) * across
+        shading = Shading(turned, SHADING_ERROR, 0.1, 0.5, 1.0)
+        both = read_lamp("lamp", shown, ball, shading)
+        assert both.standard_error_deg >= 0.499 * degrees
+        assert both.from_shading_deg == pytest.approx(degrees, abs=1e-6)
+        assert (both.highlight.dispute == "shading") == (degrees > 10.0)
+    assert read_shading("lamp", shading, ball).standard_error_deg == 2.0 * SHADING_ERROR
 
 
 def test_a_line_is_less_round_than_a_spot():

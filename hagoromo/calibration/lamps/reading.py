@@ -15,6 +15,8 @@ from hagoromo.calibration.lamps.ball import Array, Ball
 from hagoromo.calibration.lamps.highlight import AGREE, Highlight
 from hagoromo.calibration.lamps.shading import Shading
 
+HALF = 0.5  # standard error per difference between highlight and shading, at least
+ALONE = 2.0  # times its error: that of a shading that no highlight confirms
 TILT = 0.01  # [px] step of the finite differences
 GRID = 60  # points across the ball among which the place is sought that mirrors a direction
 
@@ -53,8 +55,7 @@ class LampReading:
 def read_lamp(name: str, highlight: Highlight, ball: Ball, shading: Shading | None = None) -> LampReading:
     """Direction to the lamp that the ball shows at `highlight`, errors propagated from highlight, centre and radius.
 
-    shading: of a ball that is no mirror; it counts by its error, and where it contradicts the highlight the error holds
-    both.
+    shading: of a ball that is no mirror; it counts by its error. The error holds half of what both differ by.
     """
     direction = centre_of_lamp(highlight, ball)
     degrees = float(np.degrees(np.linalg.norm(slopes(highlight, ball)[1] * figure_errors(highlight, ball)[:, None])))
@@ -64,10 +65,10 @@ def read_lamp(name: str, highlight: Highlight, ball: Ball, shading: Shading | No
     both = float(np.hypot(degrees, shading.standard_error_deg))
     if apart > AGREE * both:
         disputed = replace(highlight, dispute="shading")
-        return LampReading(name, direction, float(np.hypot(degrees, 0.5 * apart)), disputed, ball, apart)
+        return LampReading(name, direction, float(np.hypot(degrees, HALF * apart)), disputed, ball, apart)
     share = (degrees / both) ** 2
     mean = (1.0 - share) * direction + share * shading.to_lamp
-    error = degrees * shading.standard_error_deg / both
+    error = max(degrees * shading.standard_error_deg / both, HALF * apart)
     return LampReading(name, mean / np.linalg.norm(mean), error, highlight, ball, apart)
 
 
@@ -79,10 +80,11 @@ def read_shading(name: str, shading: Shading, ball: Ball) -> LampReading:
     points = np.stack([x.ravel(), y.ravel()], axis=1)
     points = points[np.hypot(*(points - about.mean(axis=0)).T) < ball.radius]
     nearest = points[np.argmax(ball.mirrored(points).to_lamp @ shading.to_lamp)]
-    error = 0.5 * np.radians(shading.standard_error_deg) * ball.radius
+    degrees = ALONE * shading.standard_error_deg
+    error = 0.5 * np.radians(degrees) * ball.radius
     place = float(nearest[0]), float(nearest[1])
     highlight = Highlight(place, float(error), 0, 0.0, nearest[None], np.ones((3, 1)), "shading")
-    return LampReading(name, shading.to_lamp, shading.standard_error_deg, highlight, ball, 0.0)
+    return LampReading(name, shading.to_lamp, degrees, highlight, ball, 0.0)
 
 
 def centre_of_lamp(highlight: Highlight, ball: Ball, off: tuple[float, ...] = (0.0,) * 5) -> Array:
