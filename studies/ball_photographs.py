@@ -23,9 +23,9 @@ from studies.simulated_balls import BallSet, ball_set
 from studies.table import print_table
 
 SEED = 20
-DIAMETERS, SETS, LAMPS = (60, 100, 160, 260, 400), 2, 6  # of balls [px]; sets of photographs each, and their lamps
+DIAMETERS, SETS, LAMPS = (60, 100, 160, 260, 400), 1, 6  # of balls [px]; sets of photographs each, and their lamps
 MASKED, MASKED_DIAMETER = ("clean", "worn", "glazed"), 160  # balls whose mask is moved
-MOVES, MASKED_SETS = (0.0, 0.03, 0.2, 0.4), 4  # of the radius; sets of photographs each
+MOVES, MASKED_SETS = (0.0, 0.03, 0.2, 0.4), 2  # of the radius; sets of photographs each
 ROOM = 0.7  # of the radius: the picture around the ball, so that a mask that is moved is whole
 REAL_MOVES = (0, 10, 40)  # [px]
 ALL = "all"
