@@ -55,7 +55,7 @@ from .calibration.camera.calibrate_camera import (
 from .calibration.lamps.lamp_calibration import LampCalibration as LampCalibration
 from .calibration.lamps.calibrate_lamps import MatteReference as MatteReference, calibrate_lamps as calibrate_lamps
 from .calibration.lamps.ball import Ball as Ball, find_ball as find_ball
-from .calibration.lamps.highlight import LampReading as LampReading
+from .calibration.lamps.reading import LampReading as LampReading
 from .calibration.lamps.lamps_from_ball import lamps_from_ball as lamps_from_ball
 from .calibration.lamps.uncalibrated.far_lamps import SelfCalibration as SelfCalibration
 from .calibration.lamps.uncalibrated.calibrate_from_object import (

@@ -100,7 +100,8 @@ def calibrate_lamps(
 
     Args:
         photographs: one per lamp, all from one place: PNG, JPEG, TIFF, RAW or developed EXR.
-        mask: picture that is white on a chrome ball and black elsewhere; give one per ball. auto: the balls are found.
+        mask: picture that is white on a chrome ball and black elsewhere, or its circle x,y,radius in pixels; give one
+            per ball. auto: the balls are found.
         moved: one ball in several places: give a --mask for each place, and all photographs of the first place, then
             those of the second in the same order of lamps, and so on.
         radius: radius of the chrome balls [m]; needed with several masks and --camera.

@@ -51,9 +51,9 @@ def capture(
         photographs: RAW, TIFF, JPEG or PNG as the camera left them, or EXR of `develop`, all from one viewpoint.
         lamps: lamps.json of `calibrate lamps`, or an .lp. A photograph gets the lamp with its name; if no name
             matches, lamps are assigned in order.
-        ball: picture that is white on a chrome ball in the photographs, one for each ball, in place of lamps: each
-            photograph then shows where its own lamp is. auto: the balls are found; see balls.png of the capture.
-            Balls are no part of the object.
+        ball: picture that is white on a chrome ball in the photographs, or its circle x,y,radius in pixels, one for
+            each ball, in place of lamps: each photograph then shows where its own lamp is. auto: the balls are found;
+            see balls.png of the capture. Balls are no part of the object.
         radius: radius of the balls [m]: two or more then place near lamps, with a calibrated camera.
         camera: camera.json of `calibrate camera`, or OpenCV's YAML, as given to `calibrate lamps`; or orthographic.
             Without it the focal length in the EXIF is used, or else the view is assumed orthographic.

@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from hagoromo.calibration.lamps.ball import Ball
-from hagoromo.calibration.lamps.highlight import LampReading
-from hagoromo.calibration.lamps.lamp_calibration import LampCalibration
+from hagoromo.calibration.lamps.highlight import DISPUTES
+from hagoromo.calibration.lamps.lamp_calibration import LampCalibration, lamps_on_balls
+from hagoromo.calibration.lamps.mask_check import CONFIRMED
 from hagoromo.calibration.lamps.place import LampPlace
+from hagoromo.calibration.lamps.reading import LampReading
 from hagoromo.calibration.lamps.strength import Strength
 from hagoromo.calibration.lamps.uncalibrated.far_lamps import MIRRORED, SelfCalibration
 
@@ -40,7 +42,18 @@ def _of_ball(ball: Ball) -> str:
     where = "the mask" if ball.source == "mask" else "the photographs"
     if x or y:
         where += f", ({x:.2f}, {y:.2f}) px from the mask's"
+    if ball.edge_share is not None and ball.edge_share < CONFIRMED:
+        where += f", of which {100 * ball.edge_share:.0f} % is an edge in the photographs: is it on the ball?"
     return f"ball: centre ({ball.centre[0]:.2f}, {ball.centre[1]:.2f}), radius {ball.radius:.2f} px, outline by {where}"
+
+
+def _dispute(reading: LampReading) -> str:
+    """What has the lamp elsewhere, and where."""
+    highlight, said = reading.highlight, DISPUTES[reading.highlight.dispute]
+    if highlight.disputed is not None:
+        apart = float(np.hypot(*np.subtract(highlight.disputed, highlight.centre)))
+        return f"{said}, {apart:.1f} px off,"
+    return said if reading.from_shading_deg is None else f"{said}, {reading.from_shading_deg:.1f}° off,"
 
 
 def _of_lamp(lamp: LampReading | LampPlace, strength: Strength | None) -> str:
@@ -53,6 +66,9 @@ def _of_lamp(lamp: LampReading | LampPlace, strength: Strength | None) -> str:
         else:
             place = ", ".join(f"{p:.4f} ± {e:.4f}" for p, e in zip(lamp.position, lamp.standard_error, strict=True))
             text = f"{lamp.name}: position ({place}) m"
+    for reading in lamps_on_balls([lamp]):
+        if reading.highlight.dispute:
+            text += f"; {_dispute(reading)} has it elsewhere: the error holds both"
     if strength is not None:
         shown = zip(strength.intensity, strength.standard_error, strict=True)
         text += f"; intensity {', '.join(f'{v:.4g} ± {e:.2g}' for v, e in shown)} by the {strength.source}"

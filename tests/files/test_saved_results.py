@@ -18,11 +18,11 @@ ENDED = FitStatus(Status.OUT_OF_STEPS, 7, 0.25, last_step=1e-3)
 
 
 def lamp_calibration(near: bool) -> LampCalibration:
-    ball = hg.Ball((31.5, 30.25), 11.0, (0.1, 0.2, 0.3), 0.05, NOTHING)
+    ball = hg.Ball((31.5, 30.25), 11.0, (0.1, 0.2, 0.3), 0.05, NOTHING, edge_share=0.4)
     balls = (ball, hg.Ball((71.0, 29.0), 11.5, (0.1, 0.1, 0.2), 0.04, NOTHING, source="photographs", softness=0.8))
     to_lamp = np.array([0.6, 0.0, 0.8])
-    shown = Highlight((33.0, 29.0), 0.1, 17, 0.01, NOTHING, NOTHING)
-    readings = [hg.LampReading("a", to_lamp, 0.5, shown, ball) for ball in balls]
+    shown = Highlight((33.0, 29.0), 0.1, 17, 0.01, NOTHING, NOTHING, "core", (35.0, 28.0), "streaks")
+    readings = [hg.LampReading("a", to_lamp, 0.5, shown, ball, 1.5) for ball in balls]
     place = LampPlace("a", np.zeros(3), to_lamp, 0.4, 2.0 * to_lamp, 1e-4 * np.eye(3), 0.5, 0.01, 1.1, tuple(readings))
     strength = Strength(np.ones(3), 0.1 * np.ones(3), "reference", 0.02, (to_lamp, 1.5), (ENDED,))
     spread = LampSpread(1, 1.0, 0.0)

@@ -44,6 +44,7 @@ class Ball:
     world, to the ball's centre, and angle: half the cone's [rad]; for an orthographic view (0, 0, 1) and 0. source:
     "mask", "search" (reduced photographs) or "photographs"; from_mask: offset of the latter's centre from the mask's
     [px]. softness: standard deviation of the edge's blur [px], None where the photographs do not show the edge.
+    edge_share: of a mask's outline, the share that is an edge in the photographs, where they do not show it all around.
     """
 
     centre: tuple[float, float]
@@ -57,6 +58,7 @@ class Ball:
     source: str = "mask"
     softness: float | None = None
     from_mask: tuple[float, float] = (0.0, 0.0)
+    edge_share: float | None = None
 
     def record(self) -> dict[str, Any]:
         """The entry of the ball in lamps.json."""
@@ -68,6 +70,7 @@ class Ball:
             "outline": self.source,
             "centre_from_mask_px": list(self.from_mask),
             "softness_px": self.softness,
+            "edge_share": self.edge_share,
         }
 
     def outline(self, count: int, scale: ArrayLike = 1.0) -> Array:
@@ -81,6 +84,11 @@ class Ball:
         ray = np.cos(scale * self.angle) * np.array(self.axis)
         ray = ray + np.sin(scale * self.angle) * (ring[:, :1] * across + ring[:, 1:] * down)
         return self.camera.project(self.camera.position + ray)
+
+    def is_within(self, shape: tuple[int, ...]) -> bool:
+        """Whether the whole ball is in a picture of `shape` (height, width)."""
+        outline = self.outline(36)
+        return bool((outline > 0.0).all() and (outline < (shape[1], shape[0])).all())
 
     def covers(self, shape: tuple[int, ...]) -> NDArray[np.bool_]:
         """(height, width) where the ball is in a picture of `shape`: pixels whose centre is within the outline."""

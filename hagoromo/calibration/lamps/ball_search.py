@@ -8,15 +8,18 @@ small bright image of a lamp, in another place under another lamp.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.calibration.lamps.ball import Array, Ball, fit_ball, grey
-from hagoromo.calibration.lamps.highlight import LARGEST_SHARE, lamp_speck
+from hagoromo.calibration.lamps.highlight import LARGEST_SHARE
+from hagoromo.calibration.lamps.lamp_speck import lamp_speck
+from hagoromo.calibration.lamps.mask_check import outline_around
 from hagoromo.calibration.lamps.outline import refined
+from hagoromo.calibration.lamps.stated_circle import stated
 from hagoromo.calibration.opencv_threads import one_thread
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
@@ -29,9 +32,11 @@ CIRCLES = 12  # proposals taken from each picture, the strongest first
 COARSE, CANNY, VOTES = 1.5, 60.0, 14.0  # of OpenCV's transform: size of a cell [px], gradient of an edge, votes
 MIRRORED = 0.9  # share of the photographs that show a lamp's image on a ball
 TRIED = 8  # photographs in which all proposals are tried, before the rest
+BRIGHT = 0.25  # of white, above the surroundings: a lamp's image is brighter
 SMALLEST_SPECK = 4  # pixels that a lamp's image may always have
 INSIDE = 0.97  # of the radius: a lamp's image is not on the outline
 MOVES = 0.05  # of the radius: standard deviation of the places of the images, at least
+LIKELY = 3  # circles in doubt that are looked at closely
 SAME = 0.5  # of the radius: centres nearer than this are of one ball
 FROM_EDGE = 1.0  # [px] error of a proposed outline, after its refinement in the larger pictures
 PAINT = "paint a mask that is white on the ball, and give it in place of auto (--ball, --mask)"
@@ -46,32 +51,60 @@ class _Pictures:
     camera: Camera | None
 
 
+@dataclass(frozen=True, eq=False)
+class _MirrorBalls:
+    """Circles that mirror lamps in the photographs: those whose outline shows all around, and the others."""
+
+    certain: list[Ball]
+    doubtful: list[Ball]
+
+
 def search_balls(
     photographs: Mapping[str, NDArray], camera: Camera | None = None, progress: Progress = silent
 ) -> list[Ball]:
     """The chrome balls in the photographs, the largest first, their outlines to about a pixel: `refined` finishes them.
 
-    photographs: as `lamps_from_ball`; each is read once. `InputError` where no circle is a mirror ball beyond doubt.
+    photographs: as `lamps_from_ball`; each is read once. `InputError` where no circle is a mirror ball beyond doubt: it
+    offers the one that may be.
     """
     if len(photographs) < FEWEST_LAMPS:
         raise InputError(
             f"a chrome ball is found by {FEWEST_LAMPS} lamps or more, and {len(photographs)} are given: {PAINT}"
         )
+    balls = _mirror_balls(photographs, camera, progress)
+    if balls.certain:
+        return balls.certain
+    nothing = "no chrome ball stands out in the photographs"
+    if not balls.doubtful:
+        raise InputError(f"{nothing}: {PAINT}")
+    around = [outline_around(ball, photographs) for ball in balls.doubtful[:LIKELY]]
+    likely = max(around, key=lambda shown: shown.share).circle
+    x, y = likely.centre
+    raise InputError(
+        f"{nothing} (a circle of {likely.radius:.0f} px radius at ({x:.0f}, {y:.0f}) shows the lamps, but its outline "
+        f"does not show all around): if that is the ball give it in place of auto ({stated(likely)}), else {PAINT}"
+    )
+
+
+def _mirror_balls(
+    photographs: Mapping[str, NDArray], camera: Camera | None = None, progress: Progress = silent
+) -> _MirrorBalls:
+    """Circles that mirror a lamp in each photograph, in places that differ; the largest certain one first."""
     small, large, shape = _reduced(photographs, camera, progress)
     with one_thread():
         proposed = _proposed(small)
-    found: list[Ball] = []
+    certain: list[Ball] = []
     doubtful: list[Ball] = []
     for ball in proposed:
-        if any(_is_same(ball, other) for other in found) or not _mirrors(ball, small.shown[:: _step(small)]):
+        if any(_is_same(ball, other) for other in certain) or not _mirrors(ball, small.shown[:: _step(small)]):
             continue
         finer = _edged(ball, small, large)
-        (doubtful if finer is None else found).append(ball if finer is None else finer)
-    whole = [replace(_scaled(ball, 1.0 / small.scale, camera), source="search") for ball in found]
-    whole = [ball for ball in whole if _within(ball, shape)]
-    if not whole:
-        raise InputError(f"no chrome ball stands out in the photographs{_doubt(doubtful, small.scale)}: {PAINT}")
-    return sorted(whole, key=lambda ball: -ball.radius)
+        (doubtful if finer is None else certain).append(ball if finer is None else finer)
+    known, likely = (
+        [ball for ball in (_scaled(one, 1.0 / small.scale, camera) for one in some) if ball.is_within(shape)]
+        for some in (certain, doubtful)
+    )
+    return _MirrorBalls(sorted(known, key=lambda ball: -ball.radius), likely)
 
 
 def _edged(ball: Ball, small: _Pictures, large: _Pictures) -> Ball | None:
@@ -83,16 +116,6 @@ def _edged(ball: Ball, small: _Pictures, large: _Pictures) -> Ball | None:
         return edged
     edged = refined(_scaled(edged, large.scale / small.scale, large.camera), large.shown)
     return _scaled(edged, small.scale / large.scale, small.camera) if edged.source == "photographs" else None
-
-
-def _doubt(doubtful: Sequence[Ball], scale: float) -> str:
-    if not doubtful:
-        return ""
-    (x, y), radius = doubtful[0].centre, doubtful[0].radius / scale
-    return (
-        f" (a circle of {radius:.0f} px radius at ({x / scale:.0f}, {y / scale:.0f}) shows the lamps, but its outline "
-        "does not show all around)"
-    )
 
 
 def _reduced(
@@ -157,7 +180,7 @@ def _mirrors(ball: Ball, shown: Sequence[NDArray[np.uint8]]) -> bool:
             seen = lamp_speck(picture, ball)
         except InputError:
             continue
-        if seen.speck.sum() <= max(LARGEST_SHARE * seen.share, SMALLEST_SPECK):
+        if seen.peak > BRIGHT and seen.speck.sum() <= max(LARGEST_SHARE * seen.share, SMALLEST_SPECK):
             rows, columns = np.nonzero(seen.speck)
             places.append((columns.mean() + seen.corner[1] + 0.5, rows.mean() + seen.corner[0] + 0.5))
     if len(places) < max(MIRRORED * len(shown), 3):
@@ -176,20 +199,16 @@ def _is_same(ball: Ball, other: Ball) -> bool:
     return float(np.hypot(*np.subtract(ball.centre, other.centre))) < SAME * max(ball.radius, other.radius)
 
 
-def _within(ball: Ball, shape: tuple[int, int]) -> bool:
-    outline = ball.outline(64)
-    return bool((outline > 0.0).all() and (outline < (shape[1], shape[0])).all())
-
-
 def _ball_of(centre: tuple[float, float], radius: float, camera: Camera | None) -> Ball:
     turn = 2.0 * np.pi * np.arange(64) / 64
-    return fit_ball(np.array(centre) + radius * np.stack([np.cos(turn), np.sin(turn)], axis=1), camera, FROM_EDGE)
+    edge = np.array(centre) + radius * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    return fit_ball(edge, camera, FROM_EDGE, "search")
 
 
 def _scaled(ball: Ball, factor: float, camera: Camera | None) -> Ball:
     """The ball in pictures `factor` times as large."""
     edge: Array = ball.outline(90) * factor
-    return fit_ball(edge, camera, FROM_EDGE)
+    return fit_ball(edge, camera, FROM_EDGE, "search")
 
 
 def _reduced_camera(camera: Camera, scale: float, shape: tuple[int, ...]) -> Camera:

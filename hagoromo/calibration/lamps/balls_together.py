@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from hagoromo.calibration.lamps.highlight import LampReading
+from hagoromo.calibration.lamps.reading import LampReading
 from hagoromo.errors import InputError
 
 DISAGREE_DEG, SIGNIFICANT = 3.0, 4.0  # median angle between balls, and in standard errors, above which lamps are near

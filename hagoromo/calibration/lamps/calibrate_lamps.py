@@ -13,12 +13,13 @@ from numpy.typing import NDArray
 from hagoromo.calibration.lamps.ball import Ball
 from hagoromo.calibration.lamps.ball_search import search_balls
 from hagoromo.calibration.lamps.balls_together import far_lamps_of_balls
-from hagoromo.calibration.lamps.highlight import LampReading
 from hagoromo.calibration.lamps.lamp_calibration import LampCalibration
 from hagoromo.calibration.lamps.lamp_photographs import Transfer8, lamp_photographs
 from hagoromo.calibration.lamps.lamps_from_ball import lamps_from_ball
 from hagoromo.calibration.lamps.place import LampPlace, locate_lamp
+from hagoromo.calibration.lamps.reading import LampReading
 from hagoromo.calibration.lamps.reference import find_matte_ball, matte_card, reference_strength
+from hagoromo.calibration.lamps.stated_circle import ball_of_circle, is_circle
 from hagoromo.calibration.lamps.strength import Strength, highlight_strength
 from hagoromo.camera.camera import Camera
 from hagoromo.camera.formats.camera_file import read_camera
@@ -65,11 +66,12 @@ def calibrate_lamps(
     lamps), with the balls' `radius` [m] and a calibrated `camera`, and without these the mean of their directions.
 
     photographs: files, or name → (height, width[, channels]). masks: a picture or array that is white on a ball, one
-    per ball; or "auto": the balls are found in the photographs. moved: one ball in several places, a mask each: the
-    photographs of the first place, then as many of the second in the same order of lamps, and so on. camera: a
-    `Camera` or its file; directions are then in its axes (x right, y down, z forward), else in x right, y up, z to the
-    camera, of an orthographic view. reference: measures strengths. mirror: reflectance of the balls, to measure
-    strengths by highlights that are not clipped. transfer: of 8-bit files, where strengths are asked for.
+    per ball, or its circle "x,y,radius" [px]; or "auto": the balls are found in the photographs. moved: one ball in
+    several places, a mask each: the photographs of the first place, then as many of the second in the same order of
+    lamps, and so on. camera: a `Camera` or its file; directions are then in its axes (x right, y down, z forward), else
+    in x right, y up, z to the camera, of an orthographic view. reference: measures strengths. mirror: reflectance of
+    the balls, to measure strengths by highlights that are not clipped. transfer: of 8-bit files, where strengths are
+    asked for.
 
     `InputError` for a mask that shows no disc, a photograph without a highlight, and balls that contradict each other.
     """
@@ -84,6 +86,7 @@ def calibrate_lamps(
         seen = lamp_photographs(photographs, transfer, linear)
         shapes = [*search_balls(seen, lens, part_of(progress, 0.0, SEARCH))]
         progress = part_of(progress, SEARCH, 1.0 - SEARCH)
+    shapes = [ball_of_circle(str(one), lens) if _is_circle(one) else one for one in shapes]
     sets = _photograph_sets(photographs, len(shapes), moved, transfer, linear)
     balls, readings = _readings(sets, shapes, radius, lens, progress)
     if reference is not None:
@@ -214,6 +217,10 @@ def _spread(readings: Sequence[Reading]) -> tuple[LampSpread | None, str]:
         return check_spread([lamp.to_lamp for lamp in readings]), ""
     except InputError as error:
         return None, str(error)
+
+
+def _is_circle(mask: Picture | Ball) -> bool:
+    return isinstance(mask, (str, Path)) and is_circle(str(mask))
 
 
 def _picture(mask: Picture) -> NDArray:

@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 
 from hagoromo.calibration.lamps.ball import Ball
-from hagoromo.calibration.lamps.highlight import Highlight, LampReading
+from hagoromo.calibration.lamps.highlight import Highlight
 from hagoromo.calibration.lamps.lamp_records import check_of_balls
 from hagoromo.calibration.lamps.place import LampPlace
+from hagoromo.calibration.lamps.reading import LampReading
 from hagoromo.calibration.lamps.strength import Strength
 from hagoromo.errors import InputError
 from hagoromo.files.record import decode, read_json, save_json, written_by
@@ -89,6 +90,11 @@ class LampCalibration:
         return records
 
 
+def lamps_on_balls(readings: Sequence[LampReading | LampPlace]) -> list[LampReading]:
+    """The readings on each ball, of far and near lamps."""
+    return [one for lamp in readings for one in ((lamp,) if isinstance(lamp, LampReading) else lamp.readings)]
+
+
 def _from_record(record: LampsRecord) -> LampCalibration:
     balls = tuple(_ball(one) for one in record.balls)
     if not balls or not record.readings:
@@ -109,14 +115,20 @@ def _ball(record: Mapping[str, Any]) -> Ball:
     return Ball(
         (x, y), record["radius_px"], (x_error, y_error, radius_error), record["rms_px"], np.zeros((0, 2)),
         source=record.get("outline", "mask"), softness=record.get("softness_px"), from_mask=(across, down),
+        edge_share=record.get("edge_share"),
     )  # fmt: skip
 
 
 def _reading(record: Mapping[str, Any], ball: Ball) -> LampReading:
     x, y = record["highlight_px"]
     error, rival = record["highlight_standard_error_px"], record["rival"]
-    highlight = Highlight((x, y), error, 0, rival, np.zeros((0, 2)), np.zeros((0, 0)))
-    return LampReading(record["name"], np.array(record["to_lamp"]), record["standard_error_deg"], highlight, ball)
+    other = record.get("disputed_px")
+    highlight = Highlight(
+        (x, y), error, 0, rival, np.zeros((0, 2)), np.zeros((0, 0)), record.get("highlight_from", "ellipse"),
+        other and (other[0], other[1]), record.get("dispute", ""),
+    )  # fmt: skip
+    error, shading = record["standard_error_deg"], record.get("from_shading_deg")
+    return LampReading(record["name"], np.array(record["to_lamp"]), error, highlight, ball, shading)
 
 
 def _place(record: Mapping[str, Any], balls: Sequence[Ball]) -> LampPlace:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any
 
+from hagoromo.calibration.lamps.highlight import DISPUTES
 from hagoromo.files.record import Count, ForeignRecord, Pair, Positive, Vector, about, decode, one_of
 from hagoromo.least_squares.fit_status import Status
 from hagoromo.photograph.lamps_file import LampsRecord
@@ -30,6 +31,7 @@ class BallEntry(ForeignRecord, frozen=True, kw_only=True):
     outline: Annotated[str, about("what it was found in")] = "mask"
     centre_from_mask_px: Annotated[Pair, about("offset from the mask's centre [px]")] = (0.0, 0.0)
     softness_px: Annotated[float | None, about("blur of the edge [px]")] = None
+    edge_share: Annotated[float | None, about("share of a mask's outline that the photographs show")] = None
 
 
 class ReadingEntry(ForeignRecord, frozen=True, kw_only=True):
@@ -41,6 +43,10 @@ class ReadingEntry(ForeignRecord, frozen=True, kw_only=True):
     highlight_px: Annotated[Pair, about("where the ball shows it [px]")]
     highlight_standard_error_px: Annotated[float, about("of that place [px]")]
     rival: Annotated[float, about("ratio of the second brightest spot to this one")]
+    highlight_from: Annotated[str, about("how it was located")] = "ellipse"
+    dispute: Annotated[str, one_of("", *DISPUTES), about("what has it elsewhere")] = ""
+    disputed_px: Annotated[Pair | None, about("where that has it [px]")] = None
+    from_shading_deg: Annotated[float | None, about("angle to the direction by the ball's shading [°]")] = None
 
 
 class PlaceEntry(ForeignRecord, frozen=True, kw_only=True):

@@ -25,7 +25,11 @@ FOOT = 0.2  # of the change at the edge: where its peak ends
 CLEAR = 6.0  # ratio of the change at the edge to the usual change beside the ball, above which it is significant
 ENOUGH = 0.6  # smallest share of the sectors with a significant edge
 CONSISTENT = 0.5  # [px] rms deviation from a ball's outline up to which the edge is the ball's
+AFAR, USUAL, STANDS_OUT = 0.3, 95.0, 3.0  # [radii] outside of a mask; percentile of changes there; times it: an edge
+FEW, ON_EDGE = 9, 0.7  # sectors with an edge that a circle needs; [px] from it that an edge is on it
 EDGE_ERROR = 0.2  # [px] systematic error of the radius, due to reflections that crowd at the edge
+PAINTED, SHOWN = 0.29, 0.2  # [px] standard errors of the centre by a mask, and by photographs, beside their scatter
+UNSEEN = 0.004  # of the radius: standard error of a painted outline that the photographs do not show
 DISPUTED = 0.5  # standard error per difference from the mask's circle, beyond the size of its pixels
 STRONG = 0.05  # of the strongest change near the edge: the outermost change above this is the edge
 BLURRED = 0.04  # of the radius: standard deviation of the blur above which the ball is out of focus
@@ -36,34 +40,91 @@ def refined(ball: Ball, photographs: Iterable[NDArray]) -> Ball:
 
     photographs: (height, width[, channels]) each.
     """
-    reach = max(FAR * ball.radius, 3.0 * NEAR)
-    steps = np.arange(-reach, 1.5 * reach, STEP)
-    change = np.stack([_changes(ball, photograph, steps) for photograph in photographs])  # (K, SECTORS, T)
-    usual = np.median(np.abs(change[..., steps > reach]), axis=2, keepdims=True)  # beside the ball
-    usual = usual + 1e-12 + 1e-3 * np.abs(change).max()
-    energy = np.sum((change / usual) ** 2, axis=0)
-    offsets, clear = _edges(energy, steps, CLEAR**2 + len(change))
+    change, steps, offsets, clear = _near(ball, photographs)
     softness = _softness(change[:, clear], offsets[clear], steps) if clear.mean() >= ENOUGH else None
     if clear.mean() < ENOUGH:
-        return replace(ball, softness=softness)
+        return _unseen(ball, softness)
     sectors = np.flatnonzero(clear)
     edge = np.stack([ball.outline(SECTORS, 1.0 + offsets[i] / ball.radius)[i] for i in sectors])
     finer = fit_ball(edge, ball.camera, EDGE_ERROR, "photographs")
     consistent = np.hypot(*(edge - finer.outline(SECTORS)[sectors]).T) < 3.0 * CONSISTENT
     if consistent.mean() < ENOUGH or not _all_around(sectors[consistent]):
-        return replace(ball, softness=softness)
+        return _unseen(ball, softness)
     finer = fit_ball(edge[consistent], ball.camera, EDGE_ERROR, "photographs")
     better = finer.rms < CONSISTENT and finer.standard_error[0] < max(ball.standard_error[2], EDGE_ERROR)
     if not better:
-        return replace(ball, softness=softness)
+        return _unseen(ball, softness)
     if ball.source == "search":  # by circles in reduced pictures, which are no witness against the edge itself
         return replace(finer, softness=softness)
-    (x, y), (u, v) = finer.centre, ball.centre
-    # mask and photographs disagree and either may be wrong: an edge of a reflection can look like the ball's
-    centre = DISPUTED * float(np.hypot(x - u, y - v))
-    radius = DISPUTED * max(abs(finer.radius - ball.radius) - 0.5, 0.0)
-    errors = np.hypot(finer.standard_error, (centre, centre, radius)).tolist()
-    return replace(finer, softness=softness, from_mask=(x - u, y - v), standard_error=tuple(errors))
+    return replace(_together(ball, finer), softness=softness)
+
+
+def edge_shown(ball: Ball, photographs: Iterable[NDArray]) -> tuple[Ball, float]:
+    """The ball through the edges that `photographs` show near its outline, and the share of its outline on them."""
+    _, _, offsets, clear = _near(ball, photographs)
+    sectors = np.flatnonzero(clear)
+    if len(sectors) < FEW:
+        return ball, 0.0
+    edge = np.stack([ball.outline(SECTORS, 1.0 + offsets[i] / ball.radius)[i] for i in sectors])
+    finer = fit_ball(edge, ball.camera, EDGE_ERROR, ball.source)
+    on = np.hypot(*(edge - finer.outline(SECTORS)[sectors]).T) < ON_EDGE
+    return finer, float(on.sum() / SECTORS)
+
+
+def edges_on_rays(ball: Ball, photographs: Iterable[NDArray], first: float, last: float, most: int) -> Array:
+    """(SECTORS, most, 2) edges [px] on rays from the ball's centre, the outermost first; NaN where there are fewer.
+
+    first, last: of the radius, where the rays begin and end.
+    """
+    steps = np.arange((first - 1.0) * ball.radius, (last - 1.0) * ball.radius, STEP)
+    strength = np.zeros((SECTORS, len(steps)))
+    for photograph in photographs:
+        change = np.abs(_changes(ball, photograph, steps))
+        usual = float(np.percentile(change[:, steps > AFAR * ball.radius], USUAL))
+        strength = np.maximum(strength, change / (usual + 1e-12 + 1e-3 * float(change.max())))
+    middle = strength[:, 1:-1]
+    peak = (middle >= strength[:, :-2]) & (middle > strength[:, 2:]) & (middle > STANDS_OUT)
+    edges = np.full((SECTORS, most, 2), np.nan)
+    for sector, on in enumerate(peak):
+        found = np.flatnonzero(on)[::-1][:most] + 1
+        edges[sector, : len(found)] = ball.outline(SECTORS, 1.0 + steps[found] / ball.radius)[:, sector]
+    return edges
+
+
+def _near(ball: Ball, photographs: Iterable[NDArray]) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+    """Changes of light (K, SECTORS, T) at T steps [px] from the outline, and the steps; the offset [px] of the edge in
+    each sector, and whether there is one.
+    """
+    reach = max(FAR * ball.radius, 3.0 * NEAR)
+    steps = np.arange(-reach, 1.5 * reach, STEP)
+    change = np.stack([_changes(ball, photograph, steps) for photograph in photographs])
+    usual = np.median(np.abs(change[..., steps > reach]), axis=2, keepdims=True)  # beside the ball
+    usual = usual + 1e-12 + 1e-3 * np.abs(change).max()
+    energy = np.sum((change / usual) ** 2, axis=0)
+    return change, steps, *_edges(energy, steps, CLEAR**2 + len(change))
+
+
+def _together(painted: Ball, shown: Ball) -> Ball:
+    """The outline that the photographs show, its centre averaged with that of the mask by their errors.
+
+    Where the two disagree either may be wrong, as an edge of a reflection can look like the ball's.
+    """
+    x, y = apart = np.subtract(shown.centre, painted.centre)
+    by_photographs = shown.standard_error[0] ** 2 + SHOWN**2
+    share = by_photographs / (by_photographs + painted.standard_error[0] ** 2 + PAINTED**2)
+    mean = fit_ball(shown.edge - share * apart, shown.camera, EDGE_ERROR, "photographs")
+    centre = DISPUTED * float(np.hypot(x, y))
+    radius = DISPUTED * max(abs(shown.radius - painted.radius) - 0.5, 0.0)
+    errors = np.hypot(shown.standard_error, (centre, centre, radius)).tolist()
+    return replace(mean, from_mask=(float(x), float(y)), standard_error=tuple(errors))
+
+
+def _unseen(ball: Ball, softness: float | None) -> Ball:
+    """The ball as it was given: with the error of a mask that is painted by hand."""
+    if ball.source == "search":
+        return replace(ball, softness=softness)
+    errors = np.hypot(ball.standard_error, UNSEEN * ball.radius).tolist()
+    return replace(ball, softness=softness, standard_error=tuple(errors))
 
 
 def check_focus(ball: Ball) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.calibration.lamps.ball import Array
-from hagoromo.calibration.lamps.highlight import LampReading, figure_errors, slopes
+from hagoromo.calibration.lamps.reading import LampReading, figure_errors, slopes
 from hagoromo.errors import InputError
 from hagoromo.least_squares.fit_status import FitStatus, Status
 

@@ -7,6 +7,8 @@ whose slope points along them, are outliers of Cauchy's loss.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,10 +20,22 @@ AROUND = 3  # [px] around the speck whose slopes count
 STARTS, STEPS, SETTLED = 25, 40, 1e-3  # first guesses within the speck; of the iteration; [px]
 FAINT = 0.01  # of the steepest slope: fainter ones are noise
 ALIKE = 0.03  # least ratio of the two curvatures: streaks along one line meet anywhere
+AS_GOOD = 1.1  # times the least cost: centres of less are as likely
+RIM = 0.5  # of the lamp's radius: standard error, as edges of the lamp itself pass its centre by the radius
 
 
-def where_streaks_meet(light: Array, speck: NDArray[np.bool_]) -> tuple[Array, float] | None:
-    """(x, y) [px] where the streaks of the speck meet, and its range over scales; None where they do not cross."""
+class Meeting(NamedTuple):
+    """place (x, y) where streaks meet, and its standard error [px]."""
+
+    place: Array
+    error: float
+
+
+def where_streaks_meet(light: Array, speck: NDArray[np.bool_], radius: float = 0.0) -> Meeting | None:
+    """Where the streaks of the speck meet; None where they do not cross.
+
+    radius: of the lamp's image [px]. The error holds the range over scales, and over centres of about the same cost.
+    """
     from scipy.ndimage import binary_dilation, gaussian_filter1d
 
     near = np.asarray(binary_dilation(speck, iterations=AROUND), np.bool_) & (light > 0.0)
@@ -35,14 +49,17 @@ def where_streaks_meet(light: Array, speck: NDArray[np.bool_]) -> tuple[Array, f
     points, slope = (np.argwhere(near)[:, ::-1] + 0.5)[kept].astype(np.float64), slope[kept]
     inside = (np.argwhere(speck)[:, ::-1] + 0.5).astype(np.float64)
     starts = inside[np.unique(np.linspace(0, len(inside) - 1, STARTS).astype(int))]
-    centres = []
+    centres, scatter = [], []
     for scale in ASIDE:
         found = [_settled(points, slope, start, scale) for start in starts]
-        centre, _, ratio = min(found, key=lambda one: one[1])
+        centre, least, ratio = min(found, key=lambda one: one[1])
         if ratio < ALIKE:
             return None
         centres.append(centre)
-    return centres[len(centres) // 2], float(np.ptp(centres, axis=0).max())
+        as_good = np.array([one[0] for one in found if one[1] < AS_GOOD * least])
+        scatter.append(np.sqrt(np.mean(np.sum((as_good - centre) ** 2, axis=1))))
+    parts = float(np.ptp(centres, axis=0).max()), float(max(scatter)), RIM * radius
+    return Meeting(centres[len(centres) // 2], float(np.hypot.reduce(parts)))
 
 
 def _settled(points: Array, slope: Array, start: Array, scale: float) -> tuple[Array, float, float]:

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hagoromo.calibration.lamps.ball import Array, Ball
-from hagoromo.calibration.lamps.highlight import Highlight, solid_angles
+from hagoromo.calibration.lamps.highlight import Highlight
+from hagoromo.calibration.lamps.reading import solid_angles
 from hagoromo.errors import InputError
 from hagoromo.least_squares.fit_status import FitStatus
 
