@@ -10,7 +10,7 @@ from hagoromo.calibration.lamps.ball import find_ball
 from hagoromo.calibration.lamps.highlight import find_highlight
 from hagoromo.calibration.lamps.lamp_speck import roundness
 from hagoromo.calibration.lamps.reading import read_lamp, read_shading
-from hagoromo.calibration.lamps.shading import SHADING_ERROR, Shading
+from hagoromo.calibration.lamps.shading import SHADING_ERROR, BallShading
 from studies.ball_conditions import CHROME, GLOSSY
 from studies.simulated_balls import ball_set
 from tests.inverse.simulated_mirror import degrees_between
@@ -116,7 +116,7 @@ def test_highlight_and_shading_that_differ_widen_the_error():
     across /= np.linalg.norm(across)
     for degrees in (1.0, 5.0, 20.0):
         turned = np.cos(np.radians(degrees)) * alone.to_lamp + np.sin(np.radians(degrees)) * across
-        shading = Shading(turned, SHADING_ERROR, 0.1, 0.5, 1.0)
+        shading = BallShading(turned, SHADING_ERROR, 0.1, 0.5, 1.0)
         both = read_lamp("lamp", shown, ball, shading)
         assert both.standard_error_deg >= 0.499 * degrees
         assert both.from_shading_deg == pytest.approx(degrees, abs=1e-6)

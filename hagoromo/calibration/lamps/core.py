@@ -37,7 +37,7 @@ class Core(NamedTuple):
     branching: float
 
 
-class _Opened(NamedTuple):
+class _OpenedDiscs(NamedTuple):
     """Centres (shares, 2) [px], radius of the inscribed disc [px], areas (shares,) and area [px²], centroid of all."""
 
     centres: Array
@@ -70,7 +70,7 @@ def core_of(light: Array, speck: NDArray[np.bool_]) -> Core:
     return Core(centre + first[::-1], error, radius, half.area / max(float(half.areas[0]), 1e-9))
 
 
-def _opened(window: Array, inside: NDArray[np.bool_], level: float) -> _Opened:
+def _opened(window: Array, inside: NDArray[np.bool_], level: float) -> _OpenedDiscs:
     """The part of the window above `level` that touches `inside` most, opened."""
     from scipy.ndimage import distance_transform_edt
 
@@ -86,7 +86,9 @@ def _opened(window: Array, inside: NDArray[np.bool_], level: float) -> _Opened:
         opened = bright & (np.asarray(distance_transform_edt(depth < reach)) < reach)
         centres.append(_centroid(opened) / fine)
         areas.append(opened.sum() / fine**2)
-    return _Opened(np.array(centres), radius / fine, np.array(areas), bright.sum() / fine**2, _centroid(bright) / fine)
+    return _OpenedDiscs(
+        np.array(centres), radius / fine, np.array(areas), bright.sum() / fine**2, _centroid(bright) / fine
+    )
 
 
 def _connected(bright: NDArray[np.bool_], inside: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from hagoromo.calibration.lamps.ball import Array, Ball
 from hagoromo.calibration.lamps.core import core_of
 from hagoromo.calibration.lamps.lamp_speck import NOTHING_KNOWN, LampSpeck, Surroundings, lamp_speck
-from hagoromo.calibration.lamps.shading import Shading
+from hagoromo.calibration.lamps.shading import BallShading
 from hagoromo.calibration.lamps.speck import ellipse_centre
 from hagoromo.calibration.lamps.streaks import where_streaks_meet
 from hagoromo.errors import InputError
@@ -68,7 +68,7 @@ class _Place(NamedTuple):
 
 
 def find_highlight(
-    photograph: NDArray, ball: Ball, known: Surroundings = NOTHING_KNOWN, shading: Shading | None = None
+    photograph: NDArray, ball: Ball, known: Surroundings = NOTHING_KNOWN, shading: BallShading | None = None
 ) -> Highlight:
     """The lamp's mirror image on the ball.
 

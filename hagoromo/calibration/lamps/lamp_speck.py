@@ -23,7 +23,7 @@ from hagoromo.calibration.lamps.light_on_ball import (
     light_on_ball,
     unevenness,
 )
-from hagoromo.calibration.lamps.shading import Shading, above_shading
+from hagoromo.calibration.lamps.shading import BallShading, above_shading
 from hagoromo.errors import InputError
 
 HALF = 0.5  # of the peak: pixels above are the speck
@@ -49,7 +49,7 @@ class Surroundings:
 
     still: Light | None = None
     corner: tuple[int, int] = (0, 0)
-    shadings: Mapping[str, Shading] = field(default_factory=dict)
+    shadings: Mapping[str, BallShading] = field(default_factory=dict)
 
 
 NOTHING_KNOWN = Surroundings()
@@ -73,7 +73,7 @@ class LampSpeck(NamedTuple):
 
 
 def lamp_speck(
-    photograph: NDArray, ball: Ball, known: Surroundings = NOTHING_KNOWN, shading: Shading | None = None
+    photograph: NDArray, ball: Ball, known: Surroundings = NOTHING_KNOWN, shading: BallShading | None = None
 ) -> LampSpeck:
     """The lamp's image on the ball; `InputError` where nothing stands out as one does.
 

@@ -29,7 +29,7 @@ CONFIRMED = 0.5  # share of an outline that is an edge, from which it is a ball'
 MORE = 0.25  # by which this share exceeds the mask's where the ball is beside the mask
 
 
-class Shown(NamedTuple):
+class ShownCircle(NamedTuple):
     """circle: around a ball, of whose outline the photographs show most; the share that they show; that of the ball."""
 
     circle: Ball
@@ -59,17 +59,17 @@ def confirmed(painted: Ball, photographs: Mapping[str, NDArray]) -> Ball:
     return replace(finer, from_mask=(x, y), edge_share=shown.share)
 
 
-def outline_around(ball: Ball, photographs: Mapping[str, NDArray]) -> Shown:
+def outline_around(ball: Ball, photographs: Mapping[str, NDArray]) -> ShownCircle:
     """The outline around `ball` that the photographs show; each is read once."""
     scale = min(FINE / ball.radius, 1.0)
     pictures, corner = _around(ball, photographs, scale)
     here = fit_ball((ball.outline(90) - corner) * scale, None, MASK_ERROR)
     own = edge_shown(here, pictures)[1]
     if own >= CONFIRMED:
-        return Shown(ball, own, own)
+        return ShownCircle(ball, own, own)
     found, share = _sought(here, pictures)
     circle = fit_ball(found.outline(90) / scale + corner, ball.camera, MASK_ERROR)
-    return Shown(replace(circle, standard_error=(PARTLY * circle.radius,) * 3), share, own)
+    return ShownCircle(replace(circle, standard_error=(PARTLY * circle.radius,) * 3), share, own)
 
 
 def _around(ball: Ball, photographs: Mapping[str, NDArray], scale: float) -> tuple[list[Light], Array]:

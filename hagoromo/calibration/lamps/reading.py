@@ -13,7 +13,7 @@ import numpy as np
 
 from hagoromo.calibration.lamps.ball import Array, Ball
 from hagoromo.calibration.lamps.highlight import AGREE, Highlight
-from hagoromo.calibration.lamps.shading import Shading
+from hagoromo.calibration.lamps.shading import BallShading
 
 HALF = 0.5  # standard error per difference between highlight and shading, at least
 ALONE = 2.0  # times its error: that of a shading that no highlight confirms
@@ -52,7 +52,7 @@ class LampReading:
         }
 
 
-def read_lamp(name: str, highlight: Highlight, ball: Ball, shading: Shading | None = None) -> LampReading:
+def read_lamp(name: str, highlight: Highlight, ball: Ball, shading: BallShading | None = None) -> LampReading:
     """Direction to the lamp that the ball shows at `highlight`, errors propagated from highlight, centre and radius.
 
     shading: of a ball that is no mirror; it counts by its error. The error holds half of what both differ by.
@@ -72,7 +72,7 @@ def read_lamp(name: str, highlight: Highlight, ball: Ball, shading: Shading | No
     return LampReading(name, mean / np.linalg.norm(mean), error, highlight, ball, apart)
 
 
-def read_shading(name: str, shading: Shading, ball: Ball) -> LampReading:
+def read_shading(name: str, shading: BallShading, ball: Ball) -> LampReading:
     """Direction to the lamp by the shading of the ball alone, where its highlight is not seen."""
     about = ball.outline(8)
     low, high = about.min(axis=0), about.max(axis=0)

@@ -26,7 +26,7 @@ NEARBY, AROUND = 12.0, 25.0  # [°] from the shading's direction: the middle of 
 
 
 @dataclass(frozen=True, eq=False)
-class Shading:
+class BallShading:
     """to_lamp (3,) unit and its standard error [°]; ambient a, gain b [white], and power p of the fit.
 
     is_body: whether the power is that of a body. Where the lamp is near the camera no dark side shows the power.
@@ -48,7 +48,7 @@ class Shading:
         return self.ambient + self.gain * np.maximum(normals @ self.to_lamp, 0.0) ** self.power
 
 
-def shading_of(seen: LightOnBall, ball: Ball) -> Shading | None:
+def shading_of(seen: LightOnBall, ball: Ball) -> BallShading | None:
     """The shading of the ball; None where its light is not that of a body under one lamp."""
     from scipy.optimize import least_squares
 
@@ -64,10 +64,10 @@ def shading_of(seen: LightOnBall, ball: Ball) -> Shading | None:
     start = start / max(float(np.linalg.norm(start)), 1e-12)
     across = np.linalg.svd(start[None])[2][1:]
 
-    def shading(parameters: Array) -> Shading:
+    def shading(parameters: Array) -> BallShading:
         towards = start + parameters[:2] @ across
         unit = towards / np.linalg.norm(towards)
-        return Shading(unit, SHADING_ERROR, parameters[2], parameters[3], float(np.exp(parameters[4])))
+        return BallShading(unit, SHADING_ERROR, parameters[2], parameters[3], float(np.exp(parameters[4])))
 
     bounds = [[-3.0, -3.0, -1.0, 0.0, np.log(LIMITS[0])], [3.0, 3.0, 1.0, 4.0, np.log(LIMITS[1])]]
     fit = least_squares(
@@ -82,7 +82,7 @@ def shading_of(seen: LightOnBall, ball: Ball) -> Shading | None:
     return found if fits else None
 
 
-def above_shading(seen: LightOnBall, ball: Ball, shading: Shading) -> tuple[Light, Light]:
+def above_shading(seen: LightOnBall, ball: Ball, shading: BallShading) -> tuple[Light, Light]:
     """(h, w) light [white] above the shading, around where the lamp's image is, and the same where that can be."""
     coarse, _ = reduced(seen.light, PREDICTED)
     shown = ball.mirrored(_centres(seen, coarse.shape))

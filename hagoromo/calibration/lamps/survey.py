@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from hagoromo.calibration.lamps.ball import Ball
 from hagoromo.calibration.lamps.lamp_speck import Surroundings, brightest_speck
 from hagoromo.calibration.lamps.light_on_ball import Light, LightOnBall, above_surroundings, light_on_ball
-from hagoromo.calibration.lamps.shading import NEARBY, Shading, shading_of
+from hagoromo.calibration.lamps.shading import NEARBY, BallShading, shading_of
 from hagoromo.errors import InputError
 
 FEWEST_STILL = 3  # photographs that tell what does not move
@@ -28,7 +28,7 @@ class Survey:
         self.still: Light | None = None
         self.corner = (0, 0)
         self.count = 0
-        self.shadings: dict[str, Shading] = {}
+        self.shadings: dict[str, BallShading] = {}
         self.agreeing: list[bool] = []
 
     def add(self, name: str, photograph: NDArray) -> None:
@@ -47,7 +47,7 @@ class Survey:
         if shading is not None and shading.is_body:
             self._judge(seen, above, shading)
 
-    def _judge(self, seen: LightOnBall, above: Light, shading: Shading) -> None:
+    def _judge(self, seen: LightOnBall, above: Light, shading: BallShading) -> None:
         """Whether the brightest spot is where a body of this shading has its highlight, as a mirrored room has not."""
         try:
             spot = brightest_speck(seen, above, above, self.ball.radius)
