@@ -27,7 +27,7 @@ from hagoromo.reflectance.facets import TAILS_OF_GGX
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
 from hagoromo.reflectance.material.material_html import materials_html
 from hagoromo.reflectance.material.materials_file import read_materials, write_materials
-from hagoromo.reflectance.parameters import EVIDENCE, EXPORTS, FORMATS, PARAMETERS, VOLUMES, lost
+from hagoromo.reflectance.parameters import EVIDENCE, EXPORTS, FORMATS, NUMBERS, PARAMETERS, VOLUMES, lost
 from hagoromo.reflectance.reflectance import Reflectance, reflectance_from_record
 from hagoromo.transport.field.scattering import _figures
 from hagoromo.transport.materials import Materials
@@ -84,6 +84,23 @@ def test_every_field_has_a_row_and_a_change_here():
     assert set(ROWS) == fields(Reflectance) | fields(MaterialEstimate)
     assert set(CHANGED) == fields(Reflectance) and set(OF_ESTIMATE) == fields(MaterialEstimate)
     assert {form for row in PARAMETERS for form in row.lost} <= set(FORMATS)
+
+
+def test_every_number_has_what_records_and_messages_take_from_its_row():
+    kinds = {field.name: field for field in dataclasses.fields(Reflectance)}
+    assert {name for name, field in kinds.items() if field.type == "float"} == {row.name for row in NUMBERS}
+    for row in NUMBERS:
+        assert row.symbol and row.meaning
+        assert kinds[row.name].default in (row.plain, dataclasses.MISSING)
+
+
+@pytest.mark.parametrize("row", NUMBERS, ids=lambda row: row.name)
+def test_numbers_beyond_their_range_are_refused(row):
+    low, high = row.range
+    beyond = high + 0.1 if high < np.inf else low / 2
+    for wrong in (low - 0.1, beyond, float("nan"), "1", None):
+        with pytest.raises(InputError, match=f"^reflectance 'base': {row.name} is {wrong}: give a number from {low}"):
+            replace(BASE, **{row.name: wrong})
 
 
 def values(made):
