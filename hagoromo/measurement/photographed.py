@@ -5,6 +5,7 @@ camera.json (nerfstudio's keys), response.csv where the response is known, lamps
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,10 +14,11 @@ from hagoromo.camera.formats.camera_file import read_views, write_views
 from hagoromo.camera.response import Response
 from hagoromo.errors import InputError
 from hagoromo.files.checks import inside
-from hagoromo.files.record import WrittenBy, decode, read_json, write_json, written_by
+from hagoromo.files.record import decode, read_json, write_json, written_by
 from hagoromo.light.lamp import Lamp
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.lamp_files import load_lamps
+from hagoromo.photograph.lamps_file import LampsRecord
 from hagoromo.photograph.transforms import record_from_lamp
 
 CAMERA, LAMPS, RESPONSE = "camera.json", "lamps.json", "response.csv"
@@ -72,6 +74,7 @@ def read_photographed(home: Path) -> Photographed | None:
     lamps = inside(home, LAMPS)
     if not lamps.is_file():
         return Photographed(camera, ())
-    known = load_lamps(lamps)
-    by = decode(read_json(lamps).get("hagoromo", {}), WrittenBy, f"{lamps} hagoromo")
-    return Photographed(camera, known, str(by.settings.get(CAPTURE, "")))
+    known, record = load_lamps(lamps), read_json(lamps)
+    ours = isinstance(record, Mapping) and "lamps" in record  # a list of lamps, or lights of Relight, do as well
+    name = decode(record, LampsRecord, str(lamps)).hagoromo.settings.get(CAPTURE, "") if ours else ""
+    return Photographed(camera, known, str(name))
