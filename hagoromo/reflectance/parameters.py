@@ -10,7 +10,7 @@ Enters: a reflectance or an estimate, by its fields. Leaves: ranges, description
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -36,12 +36,32 @@ Part = Literal["body", "interface", "through", "element", "label", "evidence"]
 
 
 @dataclass(frozen=True)
+class Coordinate:
+    """What a fit moves in place of a parameter, so that its errors are even: coordinate = of(value), value = back(it).
+
+    words: the coordinate. range: of the parameter, admissible in a fit, both ends included.
+    """
+
+    words: str
+    of: Callable[[float], float]
+    back: Callable[[float], float]
+    range: tuple[float, float]
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """The least and the largest coordinate."""
+        first, last = (self.of(end) for end in self.range)
+        return min(first, last), max(first, last)
+
+
+@dataclass(frozen=True)
 class Parameter:
     """name: of the field. words: what is said of it where it is lost. part: of the light that it belongs to; "label":
     no light depends on it, and it may be left out; "evidence": how well the others are known.
 
     symbol, unit: "" for none. meaning: its description in schemas. range: of a number, both ends admissible; None for
-    what is no number. absent: what a file without it means, of a range without end.
+    what is no number. absent: what a file without it means, of a range without end. fitted: how a fit moves it, None
+    where it is given or moves with others, as α c_b and β F₀ do.
     plain: a value at which nothing is lost. lost: formats of FORMATS that have no place for it, each with what stands
     there instead, or "". plain_in: format → another value at which nothing is lost there.
     """
@@ -55,8 +75,15 @@ class Parameter:
     meaning: str = ""
     range: tuple[float, float] | None = None
     absent: str = ""
+    fitted: Coordinate | None = None
     lost: Mapping[str, str] = field(default_factory=dict)
     plain_in: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def fit(self) -> Coordinate:
+        """How a fit moves it, of a parameter that is fitted."""
+        assert self.fitted is not None, self.name
+        return self.fitted
 
     @property
     def shown(self) -> str:
@@ -86,6 +113,21 @@ def _lost(*forms: str, instead: str = "") -> dict[str, str]:
     return dict.fromkeys(forms, instead)
 
 
+def _tail(nu: float) -> float:
+    return 0.0 if math.isinf(nu) else 1.0 / nu
+
+
+def _nu(tail: float) -> float:
+    return 1.0 / float(tail) if tail > 0.0 else GAUSSIAN
+
+
+# Below, lamps and pixels are wider than any lobe; above, it is diffuse
+LOG_GAMMA = Coordinate("ln γ", np.log, math.exp, (0.001, 1.2))
+# Above a gas, up to the densest dielectrics
+LOG_N1 = Coordinate("ln(n − 1)", lambda n: np.log(n - 1.0), lambda at: 1.0 + math.exp(at), (1.05, 3.0))
+TAIL = Coordinate("1/ν", _tail, _nu, (LEAST_NU, math.inf))  # 0 for Gaussian facets, and the density is smooth there
+LOG_EXPONENT = Coordinate("ln(1 + ε)", lambda at: np.log(1.0 + at), lambda at: math.exp(at) - 1.0, (-0.7, 1.0))
+ROUGHNESS = Coordinate("σ", float, float, (-0.2, 1.0))
 OF_SURFACES = (*PLANES, "glb", "ply", "csv", "materialx")
 BEYOND_SURFACES = ("mitsuba", "mitsuba medium", *PBR, *VOLUMES)  # these have no light that passes through
 PARAMETERS = (
@@ -103,27 +145,27 @@ PARAMETERS = (
               "weight of the interface (specular) part β [1/sr]", (0, LARGEST_BETA),
               lost=_lost(*OF_SURFACES, *VOLUMES)),
     Parameter("gamma", "the width of its highlight γ", "interface", ANY, "γ", "rad",
-              "half width of the distribution of facets γ [rad]", (SMALLEST_GAMMA, LARGEST_GAMMA),
+              "half width of the distribution of facets γ [rad]", (SMALLEST_GAMMA, LARGEST_GAMMA), fitted=LOG_GAMMA,
               lost=_lost("ply", "csv", *VOLUMES)),
-    Parameter("n", "its refractive index n", "interface", ANY, "n", "", "refractive index", (1, 10),
+    Parameter("n", "its refractive index n", "interface", ANY, "n", "", "refractive index", (1, 10), fitted=LOG_N1,
               lost=_lost(*PLANES, "glb", "ply", "csv", *VOLUMES)),
     Parameter("nu", "the tails of its facets ν", "interface", GAUSSIAN, "ν", "",
-              f"exponent of the facets' tails ν, {LEAST_NU} or more", (LEAST_NU, math.inf), "Gaussian facets",
+              f"exponent of the facets' tails ν, {LEAST_NU} or more", (LEAST_NU, math.inf), "Gaussian facets", TAIL,
               lost=_lost(*PLANES, "glb", "materialx", *PBR, instead="those of GGX stand instead")
               | _lost("ply", "csv", "mitsuba medium", *VOLUMES),
               plain_in=dict.fromkeys(PBR, TAILS_OF_GGX)),
     Parameter("lobes", "its further lobes", "interface", (),
-              meaning="further Gaussian lobes of the interface, each",
+              meaning="further Gaussian lobes of the interface",
               lost=_lost(*OF_SURFACES, *PBR, *VOLUMES)
-              | _lost("mitsuba medium", instead="their light has the first one's")),
+              | _lost("mitsuba medium", instead="their light has the width of the first")),
     Parameter("interface_colour", "the colour of its gloss", "interface", 1.0, "e",
               meaning="interface (specular) colour",
               lost=_lost(*OF_SURFACES, *VOLUMES)),
     Parameter("epsilon", "how its body darkens at grazing angles ε", "body", 0.0, "ε", "",
-              "exponent of the body (Minnaert's, less 1); 0: Lambert's law", EPSILON_RANGE,
+              "exponent of the body (Minnaert's, less 1); 0: Lambert's law", EPSILON_RANGE, fitted=LOG_EXPONENT,
               lost=_lost(*OF_SURFACES, "mitsuba medium", *PBR, *VOLUMES)),
     Parameter("sigma", "the roughness of its body σ", "body", 0.0, "σ", "",
-              "roughness of the body (Oren and Nayar's); 0: Lambert's law", SIGMA_RANGE,
+              "roughness of the body (Oren and Nayar's); 0: Lambert's law", SIGMA_RANGE, fitted=ROUGHNESS,
               lost=_lost(*PLANES, "glb", "ply", "csv", "mitsuba medium", *PBR, *VOLUMES)),
     Parameter("transmission", "light that passes through it", "through", 0.0, "T", "",
               "share of the light that passes through an element", (0, 1), lost=_lost(*BEYOND_SURFACES)),

@@ -53,7 +53,7 @@ class ReflectanceRecord(Record, frozen=True, kw_only=True):
     nu: Annotated[TailExponent | None, meaning("nu", "; absent: Gaussian facets")] = None
     epsilon: Annotated[float, meaning("epsilon", "; of planes only")] = 0.0
     sigma: Annotated[float, meaning("sigma", "; of planes only")] = 0.0
-    lobes: Annotated[tuple[Lobe, ...], Meta(max_length=MOST_LOBES), meaning("lobes", " [β, γ]")] = ()
+    lobes: Annotated[tuple[Lobe, ...], Meta(max_length=MOST_LOBES), meaning("lobes", ", each [β, γ]")] = ()
     body_colour: Annotated[
         Any,
         like(PigmentRecord, SpectrumRecord, number={"type": "number"}, name={"type": "string"}),

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import hagoromo as hg
+from docs.hooks.parameters import page as parameters_page
 from hagoromo.app.info import info
 from hagoromo.backend import arrays
 from hagoromo.camera.camera import Camera
@@ -101,6 +102,29 @@ def test_numbers_beyond_their_range_are_refused(row):
     for wrong in (low - 0.1, beyond, float("nan"), "1", None):
         with pytest.raises(InputError, match=f"^reflectance 'base': {row.name} is {wrong}: give a number from {low}"):
             replace(BASE, **{row.name: wrong})
+
+
+@pytest.mark.parametrize("row", [row for row in PARAMETERS if row.fitted], ids=lambda row: row.name)
+def test_a_fit_moves_a_coordinate_that_gives_the_parameter_back(row):
+    low, high = row.fit.range
+    assert row.range[0] <= low < high <= row.range[1]
+    given = [low, 0.7 * low + 0.3 * min(high, 9.0), high]
+    moved = np.array([row.fit.of(value) for value in given])
+    assert (np.diff(moved) > 0).all() or (np.diff(moved) < 0).all()
+    np.testing.assert_allclose([row.fit.back(one) for one in moved], given, rtol=1e-12)
+    assert row.fit.bounds == (moved.min(), moved.max())
+
+
+def test_the_page_of_parameters_has_each_with_its_range_and_its_losses():
+    first, second = parameters_page().split("## What formats lose")
+    for row in PARAMETERS:
+        assert (f"| `{row.name}` |" in first) == (row.part != "evidence")
+        assert (f"| `{row.name}` |" in second) == bool(row.lost)
+    assert (
+        "| `gamma` | γ | rad | half width of the distribution of facets γ [rad] | 0.0001 … 1.571 | ln γ | 0.001 … 1.2 |"
+        in first
+    )
+    assert "| `nu` | png, tiff, exr, glb, materialx, gltf, usd | those of GGX |" in second
 
 
 def values(made):

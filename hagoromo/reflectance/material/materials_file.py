@@ -92,7 +92,7 @@ class MaterialRecord(Record, frozen=True, kw_only=True):
     n: Annotated[float, meaning("n")]
     epsilon: Annotated[float, meaning("epsilon")] = 0.0
     sigma: Annotated[float, meaning("sigma")] = 0.0
-    lobes: Annotated[tuple[tuple[float, float], ...], meaning("lobes", " [beta, gamma]")] = ()
+    lobes: Annotated[tuple[tuple[float, float], ...], meaning("lobes", ", each [beta, gamma]")] = ()
     specular_albedo: Annotated[float, about("directional albedo of the interface part, viewed along the normal")]
     element: Annotated[Element, meaning("element")] = "plane"
     standard_error: Annotated[StandardErrors, about("standard error of each parameter")]
