@@ -11,9 +11,10 @@ PAGE = "reference/parameters.md"
 HEAD = """# Parameters of a reflectance
 
 What a reflectance consists of: its name in files and in Python, its symbol in
-[the model](../model/reflection.md), its unit and the range that is admissible. A fit moves the coordinate of the last
-columns, in a range of its own. This page is written from the table in the code,
-`hagoromo/reflectance/parameters.py`.
+[the model](../model/reflection.md), its unit and the range that is admissible. A fit moves a coordinate of it, in a
+range of its own. The last column says where it may differ from place to place: in the maps of a measurement, by
+textures of a surface in a scene, by textures of our BSDF in Mitsuba, in the voxels of a box. This page is written from
+the table in the code, `hagoromo/reflectance/parameters.py`.
 """
 LOSSES = """## What formats lose { #lost }
 
@@ -21,7 +22,7 @@ What is written for other programs names, for each material, which of these it l
 not lost: where there is no gloss, its width is not missed.
 """
 COLUMNS = (
-    ("name", "symbol", "unit", "meaning", "range", "coordinate of a fit", "range of a fit"),
+    ("name", "symbol", "unit", "meaning", "range", "coordinate of a fit", "range of a fit", "varies in"),
     ("name", "lost in", "in its place"),
 )
 
@@ -44,7 +45,8 @@ def page() -> str:
 
 def _row(row: Any) -> tuple[str, ...]:
     fit = ("", "") if row.fitted is None else (row.fit.words, _range(row.fit.range))
-    return (f"`{row.name}`", row.symbol, row.unit, row.meaning, "" if row.range is None else _range(row.range), *fit)
+    ends = "" if row.range is None else _range(row.range)
+    return (f"`{row.name}`", row.symbol, row.unit, row.meaning, ends, *fit, ", ".join(row.varies))
 
 
 def _range(ends: tuple[float, float]) -> str:

@@ -61,7 +61,8 @@ class Parameter:
 
     symbol, unit: "" for none. meaning: its description in schemas. range: of a number, both ends admissible; None for
     what is no number. absent: what a file without it means, of a range without end. fitted: how a fit moves it, None
-    where it is given or moves with others, as α c_b and β F₀ do.
+    where it is given or moves with others, as α c_b and β F₀ do. varies: where it may differ from place to place:
+    "measurement" (maps of pixels), "scene" (textures of surfaces), "mitsuba" (textures of our BSDF), "box" (voxels).
     plain: a value at which nothing is lost. lost: formats of FORMATS that have no place for it, each with what stands
     there instead, or "". plain_in: format → another value at which nothing is lost there.
     """
@@ -76,6 +77,7 @@ class Parameter:
     range: tuple[float, float] | None = None
     absent: str = ""
     fitted: Coordinate | None = None
+    varies: tuple[str, ...] = ()
     lost: Mapping[str, str] = field(default_factory=dict)
     plain_in: Mapping[str, Any] = field(default_factory=dict)
 
@@ -140,17 +142,21 @@ PARAMETERS = (
               "weight of the body (diffuse) part α [1/sr]", (0, 1),
               lost=_lost("csv", "nrrd", "vol")),
     Parameter("body_colour", "the colour of its body", "body", symbol="c_b", meaning="body (diffuse) colour",
+              varies=("measurement", "scene", "mitsuba", "box"),
               lost=_lost("nrrd", "vol")),
     Parameter("beta", "the strength of its gloss β", "interface", ANY, "β", "1/sr",
               "weight of the interface (specular) part β [1/sr]", (0, LARGEST_BETA),
+              varies=("measurement", "scene", "mitsuba"),
               lost=_lost(*OF_SURFACES, *VOLUMES)),
     Parameter("gamma", "the width of its highlight γ", "interface", ANY, "γ", "rad",
               "half width of the distribution of facets γ [rad]", (SMALLEST_GAMMA, LARGEST_GAMMA), fitted=LOG_GAMMA,
+              varies=("measurement", "scene", "mitsuba"),
               lost=_lost("ply", "csv", *VOLUMES)),
     Parameter("n", "its refractive index n", "interface", ANY, "n", "", "refractive index", (1, 10), fitted=LOG_N1,
               lost=_lost(*PLANES, "glb", "ply", "csv", *VOLUMES)),
     Parameter("nu", "the tails of its facets ν", "interface", GAUSSIAN, "ν", "",
               f"exponent of the facets' tails ν, {LEAST_NU} or more", (LEAST_NU, math.inf), "Gaussian facets", TAIL,
+              ("measurement",),
               lost=_lost(*PLANES, "glb", "materialx", *PBR, instead="those of GGX stand instead")
               | _lost("ply", "csv", "mitsuba medium", *VOLUMES),
               plain_in=dict.fromkeys(PBR, TAILS_OF_GGX)),
@@ -159,7 +165,7 @@ PARAMETERS = (
               lost=_lost(*OF_SURFACES, *PBR, *VOLUMES)
               | _lost("mitsuba medium", instead="their light has the width of the first")),
     Parameter("interface_colour", "the colour of its gloss", "interface", 1.0, "e",
-              meaning="interface (specular) colour",
+              meaning="interface (specular) colour", varies=("mitsuba",),
               lost=_lost(*OF_SURFACES, *VOLUMES)),
     Parameter("epsilon", "how its body darkens at grazing angles ε", "body", 0.0, "ε", "",
               "exponent of the body (Minnaert's, less 1); 0: Lambert's law", EPSILON_RANGE, fitted=LOG_EXPONENT,

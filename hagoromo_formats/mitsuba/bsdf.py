@@ -13,6 +13,7 @@ from hagoromo_formats.mitsuba.colours import colour_of
 NAME = "hagoromo"
 NUMBERS = ("alpha", "beta", "gamma", "n")  # that it always states
 # Numbers that it may state
+PLACED = tuple(each.name for each in ROWS.values() if each.range is not None and "mitsuba" in each.varies)  # textures
 TAKEN = tuple(each.name for each in ROWS.values() if each.range is not None and "mitsuba" not in each.lost)
 
 

@@ -26,11 +26,10 @@ from hagoromo.reflectance.reflectance import LARGEST_GAMMA, SMALLEST_GAMMA, Refl
 from hagoromo.reflectance.sampling import density_to_lamp, sample_to_lamp
 from hagoromo.reflectance.torrance_sparrow import Weights, torrance_sparrow
 from hagoromo.transport.path.scatter import lobe_shares
-from hagoromo_formats.mitsuba.bsdf import NAME, NUMBERS, TAKEN, numbers_of
+from hagoromo_formats.mitsuba.bsdf import NAME, NUMBERS, PLACED, TAKEN, numbers_of
 from hagoromo_formats.mitsuba.colours import colour_of, variant
 
 COLOURS = ("body_colour", "interface_colour")
-PLACED = ("beta", "gamma")  # numbers that may be textures
 
 
 def register() -> None:

@@ -20,6 +20,7 @@ from hagoromo.errors import InputError
 from hagoromo.files.toml_text import toml_text
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
+from hagoromo.measurement.gloss.gloss_map import GlossMap
 from hagoromo.measurement.measurement import Measurement
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.photograph import Photograph
@@ -35,7 +36,8 @@ from hagoromo.transport.materials import Materials
 from hagoromo.transport.palette import palette_of
 from hagoromo_formats.convert import ConvertOptions, convert
 from hagoromo_formats.mitsuba import medium
-from hagoromo_formats.mitsuba.bsdf import numbers_of
+from hagoromo_formats.mitsuba.bsdf import PLACED, numbers_of
+from hagoromo_formats.mitsuba.plugin import COLOURS
 from hagoromo_formats.mitsuba.read import scene_from_mitsuba
 from hagoromo_formats.mitsuba.write import write_mitsuba
 from hagoromo_formats.relightable import export as export_module
@@ -125,6 +127,20 @@ def test_the_page_of_parameters_has_each_with_its_range_and_its_losses():
         in first
     )
     assert "| `nu` | png, tiff, exr, glb, materialx, gltf, usd | those of GGX |" in second
+
+
+def test_rows_say_what_may_differ_from_place_to_place():
+    """As the maps of a measurement, the textures of a surface and of the BSDF, and the voxels of a box hold it."""
+    of_gloss = fields(GlossMap) & set(ROWS)
+    textures = {name.removesuffix("_texture") for name in fields(hg.Surface) if name.endswith("_texture")}
+    holders = {
+        "measurement": of_gloss | {"body_colour"},
+        "scene": textures - {"body"} | {"body_colour"},
+        "mitsuba": {*PLACED, *COLOURS},
+        "box": {"body_colour"},
+    }
+    assert {where: {row.name for row in PARAMETERS if where in row.varies} for where in holders} == holders
+    assert {where for row in PARAMETERS for where in row.varies} == set(holders)
 
 
 def values(made):
