@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 from hagoromo.app import pixel_facts
 from hagoromo.app.pixel_facts import Facts, decoded
@@ -170,10 +171,11 @@ def _cameras(path: Path) -> Facts:
 def _materials(path: Path) -> Facts:
     from hagoromo.reflectance.material.materials_file import read_materials
 
-    facts = {m.name: {"pixels": m.pixels, **{k: getattr(m, k) for k in MATERIAL_FIELDS}} for m in read_materials(path)}
-    for fields in facts.values():
-        fields["nu"] = None if math.isinf(fields["nu"]) else fields["nu"]  # JSON has no infinity
-    return facts
+    def fact(value: Any) -> Any:
+        return None if isinstance(value, float) and math.isinf(value) else value  # JSON has no infinity
+
+    known = read_materials(path)
+    return {m.name: {"pixels": m.pixels, **{k: fact(getattr(m, k)) for k in MATERIAL_FIELDS}} for m in known}
 
 
 def _csv(path: Path) -> Facts:

@@ -12,11 +12,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.reflectance.facets import LEAST_NU, LN2
+from hagoromo.reflectance.facets import LN2
+from hagoromo.reflectance.parameters import ROWS
 
 Array = NDArray[np.float64]
 
-TAIL_RANGE = (0.0, 1.0 / LEAST_NU)  # admissible 1/ν
+TAIL_RANGE = ROWS["nu"].fit.bounds  # admissible 1/ν
 SMALL_TAIL = 1e-4  # below, slopes by the tail are taken from the series in it
 FARTHEST = 1e3  # (φ/γ)² beyond which facets of a small tail have no density
 

@@ -33,16 +33,13 @@ TAIL_CHANNELS = ("nu", "error.nu")  # further ones, where facets have tails: ν 
 VARIANCE_CHANNELS = ("normal", "distance")  # channels of variance.exr
 UNKNOWN_VARIANCE = np.finfo(np.float32).max  # stands in variance.exr for an infinite one; older files have infinity
 ASSUMPTIONS, RIG = "assumptions.json", "rig.json"
-CAPTURE = "capture"  # among the settings: the name of the capture, if it states one
 Map = NDArray[np.floating]
 
 
 def write_measurement(measurement: Measurement, home: Path) -> None:
     """Write the files that `Measurement.write_into` lists."""
     channels = len(measurement.materials[0].body_colour)
-    own_name = "" if measurement.capture is None else measurement.capture.own_name
-    settings = {**measurement.settings, **({CAPTURE: own_name} if own_name else {})}
-    write_materials(measurement.materials, home / "materials.json", True, settings, measurement.seed)
+    write_materials(measurement.materials, home / "materials.json", True, measurement.settings, measurement.seed)
     if measurement.assumptions:
         found = {} if measurement.linearity is None else measurement.linearity.record()
         write_json(

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.reflectance.facets import GAUSSIAN
+from hagoromo.reflectance.parameters import ROWS
 
 Array = NDArray[np.float64]
 
@@ -57,14 +58,13 @@ def pack_theta(
     relative = np.ones(c) if colour is None else np.asarray(colour, np.float64)
     log_colour = np.log(np.maximum(relative, DARKEST_COLOUR * relative.mean()))
     strength = beta * ((n - 1.0) / (n + 1.0)) ** 2 * math.exp(log_colour.mean())
-    tail = 0.0 if math.isinf(nu) else 1.0 / nu
-    return np.array([*alpha_body, *(log_colour @ contrasts(c)), tail, strength, np.log(gamma), np.log(n - 1.0)])
+    tail, width, index = ROWS["nu"].fit.of(nu), ROWS["gamma"].fit.of(gamma), ROWS["n"].fit.of(n)
+    return np.array([*alpha_body, *(log_colour @ contrasts(c)), tail, strength, width, index])
 
 
 def unpack_theta(theta: Array) -> tuple[Array, float, float, float, float, Array]:
     """α c_b per channel, β, γ [rad], n, ν and the interface colour of mean 1 of θ (P,): undoes `pack_theta`."""
-    c, colour, n = channels_of(theta), interface_colour(theta), 1.0 + math.exp(theta[LOG_N1])
+    c, colour, n = channels_of(theta), interface_colour(theta), ROWS["n"].fit.back(theta[LOG_N1])
     mean = float(colour.mean())
     beta = float(theta[STRENGTH]) * mean * ((n + 1.0) / (n - 1.0)) ** 2
-    nu = 1.0 / float(theta[TAIL]) if theta[TAIL] > 0.0 else GAUSSIAN
-    return theta[:c], beta, math.exp(theta[LOG_GAMMA]), n, nu, colour / mean
+    return theta[:c], beta, ROWS["gamma"].fit.back(theta[LOG_GAMMA]), n, ROWS["nu"].fit.back(theta[TAIL]), colour / mean

@@ -15,7 +15,6 @@ from hagoromo.least_squares.fit_status import FitStatuses
 from hagoromo.least_squares.levenberg_marquardt import Damping, Tolerance, levenberg_marquardt
 from hagoromo.least_squares.loss import Loss
 from hagoromo.least_squares.rows import RowsProblem
-from hagoromo.measurement.facets import TAIL_RANGE
 from hagoromo.measurement.observations import Observations
 from hagoromo.measurement.parameters import (
     LOG_GAMMA,
@@ -28,9 +27,9 @@ from hagoromo.measurement.parameters import (
     interface_colour,
 )
 from hagoromo.measurement.sight import Array
+from hagoromo.reflectance.parameters import ROWS
 
-GAMMA_RANGE = (0.001, 1.2)  # [rad] admissible: below, lamps and pixels are wider than any lobe; above, it is diffuse
-N_RANGE = (1.05, 3.0)  # admissible refractive index: above a gas, up to the densest dielectrics
+GAMMA_RANGE, N_RANGE = ROWS["gamma"].fit.range, ROWS["n"].fit.range  # admissible
 SMALLEST_DECREMENT = 1e-6  # of Σρ: a row whose next step would lower it by less has converged (0.1 % of an error)
 STRONGEST_CONTRAST = 5.0  # largest number of the interface colour: channels that differ by a factor of 1000
 MATERIAL_FIT_STEPS = 60  # largest number of steps of one row
@@ -127,7 +126,7 @@ def _bounds(size: int) -> tuple[Array, Array]:
     low[: channels_of(low)] = 0.0
     colours = colour_slice(channels_of(low))
     low[colours], high[colours] = -STRONGEST_CONTRAST, STRONGEST_CONTRAST
-    low[TAIL], high[TAIL] = TAIL_RANGE
     low[STRENGTH] = 0.0
-    low[LOG_GAMMA:], high[LOG_GAMMA:] = np.log([(GAMMA_RANGE[0], N_RANGE[0] - 1), (GAMMA_RANGE[1], N_RANGE[1] - 1)])
+    for place, key in ((TAIL, "nu"), (LOG_GAMMA, "gamma"), (LOG_N1, "n")):
+        low[place], high[place] = ROWS[key].fit.bounds
     return low, high

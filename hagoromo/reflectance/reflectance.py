@@ -16,13 +16,14 @@ from numpy.typing import ArrayLike, NDArray
 from hagoromo.backend import Array3f, Float, arrays, lookup
 from hagoromo.directions import frame_about, local
 from hagoromo.errors import InputError, described
-from hagoromo.files.record import Record, about, decode, like
+from hagoromo.files.record import Record, decode, like
 from hagoromo.light.spectrum import SOURCE, VISIBLE, Spectrum, SpectrumRecord, checked_spectrum
-from hagoromo.reflectance.body import EPSILON_RANGE, SIGMA_RANGE, body_albedo_ratio
+from hagoromo.reflectance.body import body_albedo_ratio
 from hagoromo.reflectance.element import ELEMENTS, Element, element_weights
-from hagoromo.reflectance.facets import GAUSSIAN, LEAST_NU, TailExponent, is_gaussian
+from hagoromo.reflectance.facets import GAUSSIAN, TailExponent, is_gaussian
 from hagoromo.reflectance.interface_albedo import VIEWS, interface_albedo
 from hagoromo.reflectance.number_arrays import broadcast_directions, numbers_of, vectors_of
+from hagoromo.reflectance.parameters import LARGEST_BETA, LARGEST_GAMMA, NUMBERS, SMALLEST_GAMMA, meaning
 from hagoromo.reflectance.pigment import PigmentRecord, pigment_from_record, skin_colour
 from hagoromo.reflectance.sampling import (
     LobeShare,
@@ -43,8 +44,6 @@ from hagoromo.reflectance.transmission import (
 )
 
 NEUTRAL = Spectrum.constant(1.0)  # the interface of a dielectric keeps the lamp's colour
-SMALLEST_GAMMA, LARGEST_GAMMA = 1e-4, math.pi / 2  # [rad]
-LARGEST_BETA = 1e4  # [1/sr]
 SEEN = {"plane": "seen at {:.0f}° ", "cylinder": "seen at {:.0f}° from across its tangent ", "sphere": ""}
 MOST_LOBES = 4  # further lobes of one reflectance: each is a part of every kernel
 Lobe = tuple[float, float]  # β [1/sr] and γ [rad] of a Gaussian lobe
@@ -53,39 +52,27 @@ Lobe = tuple[float, float]  # β [1/sr] and γ [rad] of a Gaussian lobe
 class ReflectanceRecord(Record, frozen=True, kw_only=True):
     """A reflectance by its parameters: dichromatic Torrance–Sparrow."""
 
-    alpha: Annotated[float, about("weight of the body (diffuse) part α [1/sr]; 1/π: body_colour is the albedo")]
-    beta: Annotated[float, about("weight of the interface (specular) part β [1/sr]")]
-    gamma: Annotated[float, about("half width of the distribution of facets γ [rad]")]
-    n: Annotated[float, about("refractive index")]
-    nu: Annotated[
-        TailExponent | None, about("exponent of the facets' tails ν, 0.3 or more; absent: Gaussian facets")
-    ] = None
-    epsilon: Annotated[float, about("exponent of the body (Minnaert's, less 1); 0: Lambert's law; of planes only")] = (
-        0.0
-    )
-    sigma: Annotated[float, about("roughness of the body (Oren and Nayar's); 0: Lambert's law; of planes only")] = 0.0
-    lobes: Annotated[
-        tuple[Lobe, ...], Meta(max_length=MOST_LOBES), about("further Gaussian lobes of the interface, each [β, γ]")
-    ] = ()
+    alpha: Annotated[float, meaning("alpha", "; 1/π: body_colour is the albedo")]
+    beta: Annotated[float, meaning("beta")]
+    gamma: Annotated[float, meaning("gamma")]
+    n: Annotated[float, meaning("n")]
+    nu: Annotated[TailExponent | None, meaning("nu", "; absent: Gaussian facets")] = None
+    epsilon: Annotated[float, meaning("epsilon", "; of planes only")] = 0.0
+    sigma: Annotated[float, meaning("sigma", "; of planes only")] = 0.0
+    lobes: Annotated[tuple[Lobe, ...], Meta(max_length=MOST_LOBES), meaning("lobes", ", each [β, γ]")] = ()
     body_colour: Annotated[
         Any,
         like(PigmentRecord, SpectrumRecord, number={"type": "number"}, name={"type": "string"}),
-        about("body (diffuse) colour: a number, a CSV file, a spectrum, or the pigments of skin"),
+        meaning("body_colour", ": a number, a CSV file, a spectrum, or the pigments of skin"),
     ]
     interface_colour: Annotated[
-        Any, SOURCE, about("interface (specular) colour: a number, a CSV file or a spectrum; 1: as the lamp")
+        Any, SOURCE, meaning("interface_colour", ": a number, a CSV file or a spectrum; 1: as the lamp")
     ] = 1.0
-    transmission: Annotated[
-        float, about("share of the light that passes through an element and leaves by its far side, 0…1")
-    ] = 0.0
-    transmitted_colour: Annotated[
-        Any, SOURCE, about("colour of light that has passed through once, 0…1; absent: body_colour")
-    ] = None
-    clearness: Annotated[
-        float, about("share of the transmitted light that keeps its way, as through clear fibres, 0…1; of cylinders")
-    ] = 0.0
-    element: Annotated[Element, about("micro-element that carries the facets")] = "plane"
-    name: Annotated[str, about("name of the material")] = ""
+    transmission: Annotated[float, meaning("transmission", " and leaves by its far side, 0…1")] = 0.0
+    transmitted_colour: Annotated[Any, SOURCE, meaning("transmitted_colour", "; absent: body_colour")] = None
+    clearness: Annotated[float, meaning("clearness", ", as through clear fibres, 0…1; of cylinders")] = 0.0
+    element: Annotated[Element, meaning("element")] = "plane"
+    name: Annotated[str, meaning("name")] = ""
 
 
 @dataclass(frozen=True)
@@ -128,16 +115,8 @@ class Reflectance:
 
     def __post_init__(self) -> None:
         who = f"reflectance {self.name!r}" if self.name else "reflectance"
-        ranges = (("alpha", 0, 1), ("beta", 0, LARGEST_BETA), ("gamma", SMALLEST_GAMMA, LARGEST_GAMMA), ("n", 1, 10))
-        ranges = (*ranges, ("epsilon", *EPSILON_RANGE), ("sigma", *SIGMA_RANGE))
-        for key, low, high in (*ranges, ("transmission", 0, 1), ("clearness", 0, 1)):
-            value = getattr(self, key)
-            if not (isinstance(value, (int, float)) and low <= value <= high):
-                raise InputError(f"{who}: {key} is {value}: give a number from {low} to {high:.4g}")
-        if not (isinstance(self.nu, (int, float)) and self.nu >= LEAST_NU):
-            raise InputError(
-                f"{who}: nu is {self.nu}: give a number from {LEAST_NU}, or leave it out for Gaussian facets"
-            )
+        for parameter in NUMBERS:
+            parameter.check(getattr(self, parameter.name), who)
         if self.element not in ELEMENTS:
             raise InputError(f"{who}: element is {self.element!r}: give one of {', '.join(ELEMENTS)}")
         self._check_lobes(who)
@@ -285,10 +264,10 @@ class Reflectance:
         if self.lobes and (len(self.lobes) > MOST_LOBES or not self.beta > 0.0):
             raise InputError(f"{who} has {len(self.lobes)} lobes more: give {MOST_LOBES} at most, and a beta above 0")
         for beta, gamma in self.lobes:
-            if not (0.0 <= beta <= 1e4 and SMALLEST_GAMMA <= gamma <= LARGEST_GAMMA):
+            if not (0.0 <= beta <= LARGEST_BETA and SMALLEST_GAMMA <= gamma <= LARGEST_GAMMA):
                 raise InputError(
-                    f"{who} has a lobe of beta {beta} and gamma {gamma}: give 0 to 1e4, and {SMALLEST_GAMMA:g} to "
-                    f"{LARGEST_GAMMA:.4g}"
+                    f"{who} has a lobe of beta {beta} and gamma {gamma}: give 0 to {LARGEST_BETA:g}, and "
+                    f"{SMALLEST_GAMMA:g} to {LARGEST_GAMMA:.4g}"
                 )
 
     @property

@@ -6,12 +6,15 @@ from typing import Any
 
 from hagoromo.errors import InputError
 from hagoromo.reflectance.facets import is_gaussian
-from hagoromo.reflectance.parameters import lost
+from hagoromo.reflectance.parameters import ROWS, lost
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo_formats.mitsuba.colours import colour_of
 
 NAME = "hagoromo"
-NUMBERS = ("alpha", "beta", "gamma", "n")
+NUMBERS = ("alpha", "beta", "gamma", "n")  # that it always states
+# Numbers that it may state
+PLACED = tuple(each.name for each in ROWS.values() if each.range is not None and "mitsuba" in each.varies)  # textures
+TAKEN = tuple(each.name for each in ROWS.values() if each.range is not None and "mitsuba" not in each.lost)
 
 
 def bsdf(reflectance: Reflectance) -> dict[str, Any]:

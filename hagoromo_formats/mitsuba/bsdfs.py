@@ -17,7 +17,7 @@ from hagoromo.light.spectrum_file import read_spectrum_file
 from hagoromo.reflectance.facets import HALF_OF_GGX, TAILS_OF_GGX
 from hagoromo.reflectance.reflectance import LARGEST_BETA, Reflectance
 from hagoromo.reflectance.torrance_sparrow import fresnel
-from hagoromo_formats.mitsuba.bsdf import NAME, NUMBERS
+from hagoromo_formats.mitsuba.bsdf import NAME, PLACED, TAKEN
 from hagoromo_formats.mitsuba.textures import Values, linear_bitmap, written_bitmap
 
 Table = Mapping[str, Any]
@@ -214,9 +214,9 @@ class Converter:
             raise InputError(f"{who} names a materials file: give its parameters, or name the file in the scene.toml")
         record: dict[str, Any] = {}
         textures: dict[str, Any] = {}
-        for key in (*NUMBERS, "nu", "epsilon", "sigma"):
+        for key in TAKEN:
             given = bsdf.get(key)
-            if key in ("beta", "gamma") and self.is_placed(given):
+            if key in PLACED and self.is_placed(given):
                 assert isinstance(given, Mapping)
                 values = linear_bitmap({**given, "raw": True}, self.folder)[..., :1]
                 record[key] = float(values.max()) if key == "beta" else float(values.mean())

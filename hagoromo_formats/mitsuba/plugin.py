@@ -25,12 +25,10 @@ from hagoromo.reflectance.material.material_table import reflectance_from_table
 from hagoromo.reflectance.reflectance import LARGEST_GAMMA, SMALLEST_GAMMA, Reflectance
 from hagoromo.reflectance.sampling import LobeShare, density_of_lobes, to_lamp_by_lobes
 from hagoromo.reflectance.torrance_sparrow import Weights, torrance_sparrow
-from hagoromo_formats.mitsuba.bsdf import NAME, NUMBERS, numbers_of
+from hagoromo_formats.mitsuba.bsdf import NAME, NUMBERS, PLACED, TAKEN, numbers_of
 from hagoromo_formats.mitsuba.colours import colour_of, variant
 
 COLOURS = ("body_colour", "interface_colour")
-PLACED = ("beta", "gamma")  # numbers that may be textures
-SHAPE = ("nu", "epsilon", "sigma")
 
 
 def register() -> None:
@@ -172,7 +170,7 @@ def _reflectance(props: Any, largest: dict[str, float]) -> Reflectance:
         texts = {key: str(props.get(key)) for key in ("file", "material", "response", "lamp") if key in props}
         made = reflectance_from_table(texts | {"file": _resolved(texts["file"])}, None, where)
     else:
-        stated = {key: float(props.get(key)) for key in (*NUMBERS, *SHAPE) if key in props and key not in largest}
+        stated = {key: float(props.get(key)) for key in TAKEN if key in props and key not in largest}
         record = {**stated, "lobes": _lobes(str(props.get("lobes", "")), where), "body_colour": 1.0, **largest}
         made = reflectance_from_table(record, None, where)
     numbers_of(made)  # refuses what is no surface

@@ -12,7 +12,6 @@ from hagoromo.camera.unplaced import is_unplaced
 from hagoromo.errors import InputError
 from hagoromo.files.whole import whole_file, whole_folder
 from hagoromo.measurement.measurement import Measurement
-from hagoromo.measurement.measurement_files import CAPTURE
 from hagoromo.measurement.photographed import Photographed, photographed
 from hagoromo.photograph.capture import Capture, load_capture
 from hagoromo.progress import Progress, silent
@@ -106,7 +105,8 @@ def page_source(measurement: Measurement, capture: Capture | None, name: str = "
             "the measurement does not say which camera and lamps it was made with: give its capture (--capture)"
         )
     camera = taken.camera
-    stated = ("" if shots is None else shots.own_name) or str(measurement.settings.get(CAPTURE, ""))
+    known = measurement.photographed_with  # of the measurement, also where the capture given has no name
+    stated = taken.name or ("" if known is None else known.name)
     maps = surface_maps(measurement, camera, name or stated or UNNAMED, has_scale(measurement, taken))
     fitting = [] if shots is None else [one for one in shots.photographs if one.values.shape[:2] == (height, width)]
     assumed = measurement.assumptions.items()

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import hagoromo as hg
+from docs.hooks.parameters import page as parameters_page
 from hagoromo.app.info import info
 from hagoromo.backend import arrays
 from hagoromo.camera.camera import Camera
@@ -19,6 +20,7 @@ from hagoromo.errors import InputError
 from hagoromo.files.toml_text import toml_text
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
+from hagoromo.measurement.gloss.gloss_map import GlossMap
 from hagoromo.measurement.measurement import Measurement
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.photograph import Photograph
@@ -27,14 +29,15 @@ from hagoromo.reflectance.facets import TAILS_OF_GGX
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
 from hagoromo.reflectance.material.material_html import materials_html
 from hagoromo.reflectance.material.materials_file import read_materials, write_materials
-from hagoromo.reflectance.parameters import EVIDENCE, EXPORTS, FORMATS, PARAMETERS, VOLUMES, lost
+from hagoromo.reflectance.parameters import EVIDENCE, EXPORTS, FORMATS, NUMBERS, PARAMETERS, VOLUMES, lost
 from hagoromo.reflectance.reflectance import Reflectance, reflectance_from_record
 from hagoromo.transport.field.scattering import _figures
 from hagoromo.transport.materials import Materials
 from hagoromo.transport.palette import palette_of
 from hagoromo_formats.convert import ConvertOptions, convert
 from hagoromo_formats.mitsuba import medium
-from hagoromo_formats.mitsuba.bsdf import numbers_of
+from hagoromo_formats.mitsuba.bsdf import PLACED, numbers_of
+from hagoromo_formats.mitsuba.plugin import COLOURS
 from hagoromo_formats.mitsuba.read import scene_from_mitsuba
 from hagoromo_formats.mitsuba.write import write_mitsuba
 from hagoromo_formats.relightable import export as export_module
@@ -84,6 +87,60 @@ def test_every_field_has_a_row_and_a_change_here():
     assert set(ROWS) == fields(Reflectance) | fields(MaterialEstimate)
     assert set(CHANGED) == fields(Reflectance) and set(OF_ESTIMATE) == fields(MaterialEstimate)
     assert {form for row in PARAMETERS for form in row.lost} <= set(FORMATS)
+
+
+def test_every_number_has_what_records_and_messages_take_from_its_row():
+    kinds = {field.name: field for field in dataclasses.fields(Reflectance)}
+    assert {name for name, field in kinds.items() if field.type == "float"} == {row.name for row in NUMBERS}
+    for row in NUMBERS:
+        assert row.symbol and row.meaning
+        assert kinds[row.name].default in (row.plain, dataclasses.MISSING)
+
+
+@pytest.mark.parametrize("row", NUMBERS, ids=lambda row: row.name)
+def test_numbers_beyond_their_range_are_refused(row):
+    low, high = row.range
+    beyond = high + 0.1 if high < np.inf else low / 2
+    for wrong in (low - 0.1, beyond, float("nan"), "1", None):
+        with pytest.raises(InputError, match=f"^reflectance 'base': {row.name} is {wrong}: give a number from {low}"):
+            replace(BASE, **{row.name: wrong})
+
+
+@pytest.mark.parametrize("row", [row for row in PARAMETERS if row.fitted], ids=lambda row: row.name)
+def test_a_fit_moves_a_coordinate_that_gives_the_parameter_back(row):
+    low, high = row.fit.range
+    assert row.range[0] <= low < high <= row.range[1]
+    given = [low, 0.7 * low + 0.3 * min(high, 9.0), high]
+    moved = np.array([row.fit.of(value) for value in given])
+    assert (np.diff(moved) > 0).all() or (np.diff(moved) < 0).all()
+    np.testing.assert_allclose([row.fit.back(one) for one in moved], given, rtol=1e-12)
+    assert row.fit.bounds == (moved.min(), moved.max())
+
+
+def test_the_page_of_parameters_has_each_with_its_range_and_its_losses():
+    first, second = parameters_page().split("## What formats lose")
+    for row in PARAMETERS:
+        assert (f"| `{row.name}` |" in first) == (row.part != "evidence")
+        assert (f"| `{row.name}` |" in second) == bool(row.lost)
+    assert (
+        "| `gamma` | γ | rad | half width of the distribution of facets γ [rad] | 0.0001 … 1.571 | ln γ | 0.001 … 1.2 |"
+        in first
+    )
+    assert "| `nu` | png, tiff, exr, glb, materialx, gltf, usd | those of GGX |" in second
+
+
+def test_rows_say_what_may_differ_from_place_to_place():
+    """As the maps of a measurement, the textures of a surface and of the BSDF, and the voxels of a box hold it."""
+    of_gloss = fields(GlossMap) & set(ROWS)
+    textures = {name.removesuffix("_texture") for name in fields(hg.Surface) if name.endswith("_texture")}
+    holders = {
+        "measurement": of_gloss | {"body_colour"},
+        "scene": textures - {"body"} | {"body_colour"},
+        "mitsuba": {*PLACED, *COLOURS},
+        "box": {"body_colour"},
+    }
+    assert {where: {row.name for row in PARAMETERS if where in row.varies} for where in holders} == holders
+    assert {where for row in PARAMETERS for where in row.varies} == set(holders)
 
 
 def values(made):

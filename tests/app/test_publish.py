@@ -1,5 +1,6 @@
 """A published page, driven in a real browser: its pixels are those of the reflectance, and it loads nothing."""
 
+import json
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -191,6 +192,9 @@ def test_a_page_is_called_by_the_object_and_not_by_a_folder(tmp_path):
     measured.save(tmp_path / "measured")
     assert heading(tmp_path / "measured") == ["Noh mask"]
     assert heading(tmp_path / "measured", "--title", "Mask <1>") == ["Mask &lt;1&gt;"]
+    lamps = tmp_path / "measured" / "lamps.json"
+    lamps.write_text(json.dumps(json.loads(lamps.read_text())["lamps"]))  # a bare list of lamps is read, too
+    assert heading(tmp_path / "measured") == ["Measured object"]
     unnamed = replace(capture, name="cap", folder=tmp_path / "cap")
     replace(measured, capture=unnamed).save(tmp_path / "other")
     assert heading(tmp_path / "other") == ["Measured object"]

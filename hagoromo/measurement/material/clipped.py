@@ -15,8 +15,8 @@ from hagoromo.measurement.robust_fit import GAMMA_RANGE, N_RANGE
 from hagoromo.measurement.sight import sight_of
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.photograph import Photograph
-from hagoromo.reflectance.facets import LEAST_NU
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
+from hagoromo.reflectance.parameters import ROWS
 
 FEWEST_AT_TOP = 20  # pixels of exactly one largest value
 CROWD = 3.0  # ratio to the count in the BAND below: light that is not clipped becomes rarer towards its peak
@@ -67,7 +67,7 @@ def without_clipped_gloss(estimate: MaterialEstimate, cut: Clipped) -> MaterialE
     bounds: dict[str, Any] = {
         "beta": (0.0, math.inf),
         "gamma": GAMMA_RANGE,
-        "nu": (LEAST_NU, math.inf),
+        "nu": ROWS["nu"].fit.range,
         "specular_albedo": (0.0, 1.0),
     }
     remarks = [

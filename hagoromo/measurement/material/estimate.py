@@ -54,8 +54,8 @@ from hagoromo.measurement.observations import Observations
 from hagoromo.measurement.parameters import LOG_N1, STRENGTH, TAIL, channels_of, colour_slice
 from hagoromo.measurement.robust_fit import GAMMA_RANGE, N_RANGE, minimise
 from hagoromo.measurement.sight import Array
-from hagoromo.reflectance.facets import LEAST_NU
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
+from hagoromo.reflectance.parameters import ROWS
 
 WIDENED = "errors and intervals are wider by how far the highlight and the body are from the model"
 HIDDEN = (
@@ -168,7 +168,7 @@ def _matte(fitted: Fitted, tested: LackOfFit | None, name: str, pixels: int, n: 
         "beta": (0.0, math.inf),
         "gamma": GAMMA_RANGE,
         "n": N_RANGE if n is None else (n, n),
-        "nu": (LEAST_NU, math.inf),
+        "nu": ROWS["nu"].fit.range,
         "specular_albedo": (0.0, min(swept_interval(sweep, albedo)[1], 1.0)),
         "body_colour": tuple(swept_interval(sweep, body_colour(channel)) for channel in range(c)),
     }
@@ -196,7 +196,7 @@ def _matte(fitted: Fitted, tested: LackOfFit | None, name: str, pixels: int, n: 
 def _with_wide(chosen: ChosenFit, intervals: dict[str, Any]) -> dict[str, Any]:
     """`intervals` with those of ν and the interface colour of the wide fit, where the chosen one has none."""
     wide, c = chosen.wide.fit, channels_of(chosen.wide.fit.theta)
-    missing: dict[str, Any] = {"nu": (LEAST_NU, math.inf)}
+    missing: dict[str, Any] = {"nu": ROWS["nu"].fit.range}
     if wide.free[TAIL]:
         missing["nu"] = (1.0 / largest_tail(wide), math.inf)
     if c == 1:

@@ -40,8 +40,8 @@ from hagoromo.measurement.parameters import (
 from hagoromo.measurement.parameters import TAIL as TAIL_OF_THETA
 from hagoromo.measurement.robust_fit import N_RANGE
 from hagoromo.photograph.capture import Capture
-from hagoromo.reflectance.facets import LEAST_NU
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
+from hagoromo.reflectance.parameters import ROWS
 
 RELATIVE_LIMIT = 0.25  # largest relative standard error of an identifiable parameter
 PARTS = 4.0 * math.pi  # independent parts of an object, each half its radius wide
@@ -262,7 +262,7 @@ class _Gloss:
         """Whether ν and the interface colour are known well enough."""
         nu, errors = self.values()["nu"], self.errors()["interface_colour"]
         return {
-            "nu": math.isfinite(nu) and is_identifiable(nu, of_nu, (LEAST_NU, math.inf)),
+            "nu": math.isfinite(nu) and is_identifiable(nu, of_nu, ROWS["nu"].fit.range),
             "interface_colour": errors is not None and max(errors) <= RELATIVE_LIMIT,
         }
 

@@ -21,9 +21,10 @@ from hagoromo.measurement.normals.photometric_model import Fit, Prior, precision
 from hagoromo.measurement.normals.shading import TAIL, Gloss, Shading, interface_by_tail, shading, turned
 from hagoromo.measurement.normals.views import Array, Views
 from hagoromo.measurement.parameters import contrasts
+from hagoromo.reflectance.parameters import ROWS
 
-LOG_GAMMA_RANGE = (np.log(0.02), np.log(1.2))  # of ln γ, γ [rad]
-ROUGHNESS_RANGE, LOG_EXPONENT_RANGE = (-0.2, 1.0), (np.log(0.3), np.log(2.0))  # of σ and ln(1 + ε)
+LOG_GAMMA_RANGE = (np.log(0.02), ROWS["gamma"].fit.bounds[1])  # of ln γ, γ [rad]
+ROUGHNESS_RANGE, LOG_EXPONENT_RANGE = ROWS["sigma"].fit.bounds, ROWS["epsilon"].fit.bounds
 COLOUR_RANGE = (-3.0, 3.0)  # of each number of the interface colour
 LONGEST_STEP = 0.5  # largest step of each number of a row of gloss and of a lamp
 OF_LAMP = 6  # parameters of a lamp: ln e, a (2), shift (3)

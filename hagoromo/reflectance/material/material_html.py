@@ -8,11 +8,14 @@ from typing import TYPE_CHECKING
 
 from markupsafe import Markup, escape
 
+from hagoromo.reflectance.parameters import NUMBERS, ROWS
+
 if TYPE_CHECKING:
     from hagoromo.reflectance.material.material_estimate import MaterialEstimate
 
-PARAMETER_SYMBOLS = {"alpha": "α [1/sr]", "beta": "β [1/sr]", "gamma": "γ [rad]", "n": "n", "nu": "ν"}
-BODY_SYMBOLS = {"epsilon": "ε of the body", "sigma": "σ of the body"}  # where they were estimated
+OF_LAW = ("epsilon", "sigma")  # of the body; they are shown where they were estimated
+SYMBOLS = {each.name: each.shown for each in NUMBERS if each.part in ("body", "interface")}
+SYMBOLS |= {key: f"{SYMBOLS[key]} of the body" for key in OF_LAW}
 PARAMETER_TITLES = ("material", "pixels", "parameter", "estimate", "standard error", "95 % interval", "identifiable")
 
 
@@ -26,9 +29,10 @@ def decimals(error: float | tuple[float, ...] | None) -> int:
 def parameter_rows(material: MaterialEstimate) -> list[list[str]]:
     """The cells under `PARAMETER_TITLES` for each parameter of `material`; the name stands in the first row only."""
     rows = []
-    known = {key: symbol for key, symbol in BODY_SYMBOLS.items() if material.standard_error.get(key) is not None}
-    for key, symbol in (PARAMETER_SYMBOLS | known).items():
+    for key, symbol in SYMBOLS.items():
         error = material.standard_error.get(key)
+        if key in OF_LAW and error is None:
+            continue
         digits = decimals(error)
         low, high = (_figure(bound, digits) for bound in material.interval_95.get(key, (0.0, math.inf)))
         identifiable = "yes" if material.identifiable.get(key) else Markup('<span class="no">no</span>')
@@ -43,14 +47,13 @@ def _lobe_rows(material: MaterialEstimate) -> list[list[str]]:
     rows = []
     errors, bounds = (getattr(material, key).get("lobes", ()) for key in ("standard_error", "interval_95"))
     for k, lobe in enumerate(material.lobes):
-        for part, symbol in enumerate(("β", "γ")):
+        for part, parameter in enumerate((ROWS["beta"], ROWS["gamma"])):
             error = errors[k][part] if k < len(errors) else None
             digits = decimals(error)
             low, high = bounds[k][part] if k < len(bounds) else (0.0, math.inf)
-            unit = "1/sr" if symbol == "β" else "rad"
             shown = [_figure(lobe[part], digits), "" if error is None else f"{error:.{digits}f}"]
             spread = f"{_figure(low, digits)} … {_figure(high, digits)}"
-            rows.append(["", "", f"{symbol} of lobe {k + 2} [{unit}]", *shown, spread, "yes"])
+            rows.append(["", "", f"{parameter.symbol} of lobe {k + 2} [{parameter.unit}]", *shown, spread, "yes"])
     return rows
 
 

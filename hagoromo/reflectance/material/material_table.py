@@ -13,6 +13,7 @@ from hagoromo.files.record import Record, about, decode, like, optional
 from hagoromo.light.spectrum import SOURCE, Spectrum
 from hagoromo.reflectance.element import Element
 from hagoromo.reflectance.material.materials_file import read_materials
+from hagoromo.reflectance.parameters import meaning
 from hagoromo.reflectance.reflectance import Reflectance, ReflectanceRecord, reflectance_from_record
 
 
@@ -21,14 +22,12 @@ class MeasuredMaterial(Record, frozen=True, kw_only=True):
 
     file: Annotated[str, about("path of materials.json, inside the folder of this file")]
     material: Annotated[str, about("name of the material in it")]
-    element: Annotated[Element | None, about("micro-element that carries the facets; default: that of the place")] = (
-        None
-    )
+    element: Annotated[Element | None, meaning("element", "; default: that of the place")] = None
     response: Annotated[str | None, about("camera response that it was measured with: a name or a CSV file")] = None
     lamp: Annotated[Any, SOURCE, about("spectrum of the lamps that it was measured under")] = 1.0
-    transmission: Annotated[float, about("share of the light that passes through an element: it is not measured")] = 0.0
-    transmitted_colour: Annotated[Any, SOURCE, about("colour of light that has passed through once, 0…1")] = 1.0
-    clearness: Annotated[float, about("share of the transmitted light that keeps its way, 0…1")] = 0.0
+    transmission: Annotated[float, meaning("transmission", ": it is not measured")] = 0.0
+    transmitted_colour: Annotated[Any, SOURCE, meaning("transmitted_colour")] = 1.0
+    clearness: Annotated[float, meaning("clearness", ", 0…1")] = 0.0
 
 
 MATERIAL = like(ReflectanceRecord, MeasuredMaterial)  # tables that `reflectance_from_table` accepts

@@ -15,7 +15,9 @@ from hagoromo.files.record import Count, Record, WrittenBy, about, decode, read_
 from hagoromo.reflectance.element import Element
 from hagoromo.reflectance.facets import GAUSSIAN, TailExponent
 from hagoromo.reflectance.material.material_estimate import PARAMETERS, MaterialEstimate
+from hagoromo.reflectance.parameters import meaning, of_parameter
 
+UNKNOWN = "; null: it was not estimated"
 Bounds = tuple[float | None, float | None]  # null: no bound
 Row = Annotated[tuple[float | None, ...], Meta(min_length=len(PARAMETERS), max_length=len(PARAMETERS))]
 
@@ -25,13 +27,13 @@ class StandardErrors(Record, frozen=True, kw_only=True):
 
     takes_null = True
 
-    alpha: Annotated[float | None, about("of alpha [1/sr]")] = None
-    beta: Annotated[float | None, about("of beta [1/sr]")] = None
-    gamma: Annotated[float | None, about("of gamma [rad]")] = None
-    n: Annotated[float | None, about("of n")] = None
-    nu: Annotated[float | None, about("of nu; null for Gaussian facets")] = None
-    epsilon: Annotated[float | None, about("of epsilon; null: it was not estimated")] = None
-    sigma: Annotated[float | None, about("of sigma; null: it was not estimated")] = None
+    alpha: Annotated[float | None, of_parameter("alpha")] = None
+    beta: Annotated[float | None, of_parameter("beta")] = None
+    gamma: Annotated[float | None, of_parameter("gamma")] = None
+    n: Annotated[float | None, of_parameter("n")] = None
+    nu: Annotated[float | None, of_parameter("nu", "; null for Gaussian facets")] = None
+    epsilon: Annotated[float | None, of_parameter("epsilon", UNKNOWN)] = None
+    sigma: Annotated[float | None, of_parameter("sigma", UNKNOWN)] = None
     specular_albedo: Annotated[float | None, about("of the specular albedo")] = None
     body_colour: Annotated[tuple[float | None, ...] | None, about("of the body colour, one per channel")] = None
     interface_colour: Annotated[
@@ -45,15 +47,15 @@ class Intervals(Record, frozen=True, kw_only=True):
 
     takes_null = True
 
-    alpha: Annotated[Bounds, about("of alpha [1/sr]")]
-    beta: Annotated[Bounds, about("of beta [1/sr]")]
-    gamma: Annotated[Bounds, about("of gamma [rad]")]
-    n: Annotated[Bounds, about("of n")]
+    alpha: Annotated[Bounds, of_parameter("alpha")]
+    beta: Annotated[Bounds, of_parameter("beta")]
+    gamma: Annotated[Bounds, of_parameter("gamma")]
+    n: Annotated[Bounds, of_parameter("n")]
     specular_albedo: Annotated[Bounds, about("of the specular albedo")]
     body_colour: Annotated[tuple[Bounds, ...], about("of the body colour, one per channel")]
-    nu: Annotated[Bounds, about("of nu; null above: up to Gaussian facets")] = (0.0, None)
-    epsilon: Annotated[Bounds | None, about("of epsilon; null: it was not estimated")] = None
-    sigma: Annotated[Bounds | None, about("of sigma; null: it was not estimated")] = None
+    nu: Annotated[Bounds, of_parameter("nu", "; null above: up to Gaussian facets")] = (0.0, None)
+    epsilon: Annotated[Bounds | None, of_parameter("epsilon", UNKNOWN)] = None
+    sigma: Annotated[Bounds | None, of_parameter("sigma", UNKNOWN)] = None
     interface_colour: Annotated[
         tuple[Bounds, ...] | None, about("of the interface colour, one per channel; null: it was not estimated")
     ] = None
@@ -79,24 +81,20 @@ class MaterialRecord(Record, frozen=True, kw_only=True):
     version_key = "hagoromo.format_version"
     takes_null = True
 
-    name: Annotated[str, about("name of the material")]
-    pixels: Annotated[Count, about("number of pixels with its label")]
-    body_colour: Annotated[tuple[float, ...], about("body (diffuse) colour, one per channel, mean 1")]
-    interface_colour: Annotated[tuple[float, ...], about("interface (specular) colour, one per channel")]
-    alpha: Annotated[float, about("weight of the body (diffuse) part α [1/sr]")]
-    beta: Annotated[float, about("weight of the interface (specular) part β [1/sr]")]
-    gamma: Annotated[float, about("half width of the distribution of facets γ [rad]")]
-    nu: Annotated[TailExponent | None, about("exponent of the facets' tails ν, 0.3 or more; null: Gaussian facets")] = (
-        None
-    )
-    n: Annotated[float, about("refractive index")]
-    epsilon: Annotated[float, about("exponent of the body (Minnaert's, less 1); 0: Lambert's law")] = 0.0
-    sigma: Annotated[float, about("roughness of the body (Oren and Nayar's); 0: Lambert's law")] = 0.0
-    lobes: Annotated[
-        tuple[tuple[float, float], ...], about("further Gaussian lobes of the interface, each [beta, gamma]")
-    ] = ()
+    name: Annotated[str, meaning("name")]
+    pixels: Annotated[Count, meaning("pixels")]
+    body_colour: Annotated[tuple[float, ...], meaning("body_colour", ", one per channel, mean 1")]
+    interface_colour: Annotated[tuple[float, ...], meaning("interface_colour", ", one per channel")]
+    alpha: Annotated[float, meaning("alpha")]
+    beta: Annotated[float, meaning("beta")]
+    gamma: Annotated[float, meaning("gamma")]
+    nu: Annotated[TailExponent | None, meaning("nu", "; null: Gaussian facets")] = None
+    n: Annotated[float, meaning("n")]
+    epsilon: Annotated[float, meaning("epsilon")] = 0.0
+    sigma: Annotated[float, meaning("sigma")] = 0.0
+    lobes: Annotated[tuple[tuple[float, float], ...], meaning("lobes", ", each [beta, gamma]")] = ()
     specular_albedo: Annotated[float, about("directional albedo of the interface part, viewed along the normal")]
-    element: Annotated[Element, about("micro-element that carries the facets")] = "plane"
+    element: Annotated[Element, meaning("element")] = "plane"
     standard_error: Annotated[StandardErrors, about("standard error of each parameter")]
     interval_95: Annotated[Intervals, about("95 % confidence interval of each parameter")]
     correlation: Annotated[
