@@ -22,12 +22,11 @@ from fuzz.judge import FAULT, REFUSED, Verdict, judged
 from fuzz.mutators import JSON, spoil_one
 from fuzz.readers import READERS, Reader, palette_spoilt
 from fuzz.trees import swaps
+from fuzz.verbs import WORDS
 
 MEMORY = 6 << 30  # [byte] of addresses beyond those that the process starts with: what wants more fails
 GOOD = -1  # the seed of the good sample
 SWAPS = 1 << 40  # the seed of the first swap: each node of each JSON or TOML file by a value of each type
-
-
 WITH_TREES = (*JSON, ".toml")
 
 
@@ -109,7 +108,7 @@ def swapped_file(reader: Reader, sample: Sample, number: int) -> tuple[str, byte
     """The name and the bytes of the file of a swap; None behind the last one."""
     if reader.name not in _swaps:
         _swaps.clear()
-        trees = sorted(name for name in sample.files if name.endswith(WITH_TREES))
+        trees = sorted(name for name in sample.files if name.endswith(WITH_TREES) and name != WORDS)
         made = ((name, data) for name in trees for data in swaps(name, sample.files[name], reader.swaps))
         _swaps[reader.name] = list(made)
     every = _swaps[reader.name]

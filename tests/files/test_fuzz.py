@@ -18,8 +18,8 @@ from fuzz.mutators import spoilt
 from fuzz.readers import READERS, Reader
 from fuzz.run import fuzzed, report, swapped
 from fuzz.trees import SWAPS, nodes_of, swaps
-from fuzz.verbs import SLOW
-from fuzz.worker import Sample, tried
+from fuzz.verbs import SLOW, WORDS
+from fuzz.worker import Sample, swapped_file, tried
 
 CORPUS = Path(__file__).resolve().parents[2] / "fuzz" / "corpus"
 FILES = sorted(path for path in CORPUS.rglob("*") if path.is_file())
@@ -96,6 +96,12 @@ def test_swaps_of_a_reader_are_tried_to_the_last():
     outcome = swapped(["camera-calibration.json"])
     assert not outcome.faults, report(outcome)
     assert outcome.tallies["camera-calibration.json"]["refused"] > 200
+
+
+def test_arguments_of_commands_are_no_file_to_swap():
+    reader = READERS["verb-info"]
+    words = Sample({WORDS: b"[]"}, False)
+    assert swapped_file(reader, words, 0) is None
 
 
 def test_extremes_are_deep_long_or_many():
