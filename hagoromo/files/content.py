@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from collections import deque
 from collections.abc import Container, Iterator
 from pathlib import Path
@@ -89,9 +90,18 @@ def _content(path: Path, quick: bool) -> str:
     state = hashlib.sha256()
     for file in sorted(path.rglob("*")):
         if file.is_file():
-            what = str(file.stat().st_size) if quick else _of_file(file)
+            what = str(file.stat().st_size) if quick else _of_link(file, path) if file.is_symlink() else _of_file(file)
             state.update(f"{file.relative_to(path).as_posix()}\0{what}\0".encode(errors="surrogateescape"))
     return state.hexdigest()
+
+
+def _of_link(link: Path, folder: Path) -> str:
+    """Of a link in a folder: its file's, or, where it leads outside, what can be told without opening that."""
+    try:
+        return _of_file(inside(folder, link.relative_to(folder).as_posix()))
+    except InputError:
+        facts = link.stat()
+        return f"{os.readlink(link)} {facts.st_size} {facts.st_mtime_ns}"
 
 
 def _of_file(path: Path) -> str:
