@@ -3,6 +3,7 @@ line, or read.
 
     python -m fuzz                                # every reader, a fixed count of mutations
     python -m fuzz --reader wif --seed 1234       # one mutation again
+    python -m fuzz --swaps                        # each node of each JSON and TOML file by a value of each type
     python -m fuzz --minutes 15                   # more and more seeds, until the time is over (make fuzz)
 
 `readers` is the table of readers, each with a good sample; `mutators` spoils samples; `judge` decides; `corpus` holds

@@ -8,7 +8,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from fuzz.run import COUNT, fuzzed, report
+from fuzz.run import COUNT, fuzzed, report, swapped
 
 
 def main() -> int:
@@ -21,10 +21,14 @@ def main() -> int:
     parser.add_argument("--minutes", type=float, default=0.0, help="go on with more seeds until the time is over")
     parser.add_argument("--processes", type=int, default=1, help="how many work at a time")
     parser.add_argument("--keep", type=Path, help="folder for the list of faults, or for the file of --seed")
+    parser.add_argument("--swaps", action="store_true", help="instead: each node of JSON and TOML, by each type")
     given = parser.parse_args()
     if given.seed is not None:
         return _once(given.reader[0], given.seed, given.keep)
-    outcome = fuzzed(given.reader, given.first, given.count, given.minutes, given.processes)
+    if given.swaps:
+        outcome = swapped(given.reader, given.processes)
+    else:
+        outcome = fuzzed(given.reader, given.first, given.count, given.minutes, given.processes)
     print(report(outcome))
     if given.keep is not None:
         given.keep.mkdir(parents=True, exist_ok=True)

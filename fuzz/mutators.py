@@ -9,6 +9,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from fuzz import extremes
 from fuzz.trees import spoilt_json, spoilt_toml
 
 Random = np.random.Generator
@@ -24,7 +25,12 @@ WORDS = (
 )  # fmt: skip
 INTEGERS = (0, -1, 1, 2, 255, 2**15, 2**16 - 1, 2**31 - 1, 2**31, 2**32 - 1, 2**40, 2**63 - 1, 2**63)
 FLOATS = (0.0, -1.0, 1e308, 1e-310, float("nan"), float("inf"), 1e30)
-TEXT_SUFFIXES = (".yml", ".yaml", ".txt", ".csv", ".ies", ".wif", ".obj", ".mtl", ".ply", ".off", ".json", ".toml")
+JSON, XML = (".json", ".gltf", ".zarray", ".zattrs", ".zgroup"), (".xml", ".spdx", ".vtp", ".vti")
+TEXT_SUFFIXES = (
+    ".yml", ".yaml", ".txt", ".csv", ".ies", ".wif", ".obj", ".mtl", ".ply", ".off", ".toml", ".spd", ".usda", ".mha",
+    ".nrrd", *JSON, *XML,
+)  # fmt: skip
+FAR = 0.15  # share of extremes
 NUMBER = re.compile(rb"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?")
 LEADING = (".json", ".toml", ".zarray", ".yml", ".txt", ".wif", ".csv")  # files of a folder that are spoilt most
 PNG_START = b"\x89PNG\r\n\x1a\n"
@@ -55,13 +61,15 @@ def spoil_one(files: dict[str, bytes], random: Random) -> None:
 def _mutator(name: str, data: bytes, random: Random) -> Callable[[bytes, Random], bytes]:
     suffix = name[name.rfind(".") :]
     chance = random.random()
-    if suffix in (".json", ".zarray", ".zattrs", ".zgroup") and chance < 0.7:
+    if suffix in JSON and chance < 0.7:
         return spoilt_json
     if suffix == ".toml" and chance < 0.7:
         return spoilt_toml
+    if suffix in XML and chance < 0.5:
+        return _one_of(extremes.XML, random)
     if suffix in TEXT_SUFFIXES and chance < 0.9:
-        return _one_of(TEXT, random)
-    return _one_of(BYTES if data else (inserted,), random)
+        return _one_of(extremes.TEXT if random.random() < FAR else TEXT, random)
+    return _one_of((inserted,) if not data else extremes.BINARY if random.random() < FAR else BYTES, random)
 
 
 def _one_of(choices: tuple, random: Random) -> Callable[[bytes, Random], bytes]:

@@ -34,7 +34,8 @@ class Reader(NamedTuple):
 
     entry: what `read` takes, of an existing folder that `write` fills. share: of the usual number of mutations, for
     what takes long. good: whether the sample is read; one of a kind that is always refused tries the refusal. spoil:
-    spoils the files of a sample, if not one of them is to be spoilt as its kind is.
+    spoils the files of a sample, if not one of them is to be spoilt as its kind is. swaps: how deep nodes of JSON and
+    TOML are swapped, each by a value of each type. works: whether it does more than read, and may take its time.
     """
 
     name: str
@@ -44,6 +45,8 @@ class Reader(NamedTuple):
     share: float = 1.0
     good: bool = True
     spoil: Callable[[dict[str, bytes], np.random.Generator], None] | None = None
+    swaps: int = 99
+    works: bool = False
 
     @property
     def in_folder(self) -> bool:
@@ -331,7 +334,16 @@ SIMPLE = (
     ),
 )  # fmt: skip
 COMMANDS = tuple(
-    Reader(f"verb-{name}", verb.write, verb.read, WORDS, 0.1 if name in SLOW else 0.15, spoil=verb.spoil)
+    Reader(
+        f"verb-{name}",
+        verb.write,
+        verb.read,
+        WORDS,
+        0.1 if name in SLOW else 0.15,
+        spoil=verb.spoil,
+        swaps=0 if name in SLOW else 1,
+        works=True,
+    )
     for name, verb in VERBS.items()
 )
 READERS = {reader.name: reader for reader in (*SIMPLE, *COMMANDS)}

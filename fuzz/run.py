@@ -17,8 +17,9 @@ import psutil
 
 from fuzz.judge import FAULT, READ, REFUSED
 from fuzz.readers import READERS
-from fuzz.worker import GOOD, Job
+from fuzz.worker import GOOD, SWAPS, Job
 
+MOST_SWAPS = 1 << 20  # of a reader: all
 COUNT = 60  # mutations of a reader at a time
 HANG_S = 120.0  # of computing: a single file that takes longer is called a hang
 WAIT_S = 20 * HANG_S  # that a file may take by the clock, on a machine that has much else to do
@@ -40,13 +41,24 @@ def fuzzed(
     outcome = Outcome(defaultdict(Counter), [])
     end = time.monotonic() + 60.0 * minutes
     while True:
-        jobs = [Job(name, first, max(round(count * READERS[name].share), 1)) for name in names or READERS]
-        with ThreadPoolExecutor(processes) as threads:
-            for tries in threads.map(_tried, [jobs[k::processes] for k in range(processes)]):
-                _add(tries, outcome)
+        _try([Job(name, first, max(round(count * READERS[name].share), 1)) for name in names or READERS], processes,
+             outcome)  # fmt: skip
         first += count
         if time.monotonic() >= end:
             return outcome
+
+
+def swapped(names: Sequence[str] = (), processes: int = 1) -> Outcome:
+    """Each node of each JSON and TOML file that the readers take, replaced by a value of each type, one at a time."""
+    outcome = Outcome(defaultdict(Counter), [])
+    _try([Job(name, SWAPS, MOST_SWAPS) for name in names or READERS], processes, outcome)
+    return outcome
+
+
+def _try(jobs: Sequence[Job], processes: int, outcome: Outcome) -> None:
+    with ThreadPoolExecutor(processes) as threads:
+        for tries in threads.map(_tried, [jobs[k::processes] for k in range(processes)]):
+            _add(tries, outcome)
 
 
 def _add(tries: Sequence[Try], outcome: Outcome) -> None:

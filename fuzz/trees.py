@@ -13,6 +13,7 @@ import numpy as np
 Random = np.random.Generator
 Path = tuple[Any, ...]
 DEEP = 20_000
+MANY = 20_000
 # texts that stand for what json.dumps cannot write
 RAW = {
     "@deep list@": "[" * DEEP + "]" * DEEP,
@@ -25,11 +26,34 @@ RAW = {
 }
 TOML_RAW = RAW | {"@deep table@": "{a=" * DEEP + "1" + "}" * DEEP, "@NaN@": "nan", "@date@": "1979-05-27T07:32:00Z"}
 VALUES: tuple[Any, ...] = (
-    [], {}, None, "", "text", True, 0, -1, 1, 2, 0.5, -0.0, 1e308, -1e308, 1e-310, 1e30, 2**31, 2**32, 2**53, 2**63,
+    [], {}, None, "", "text", True, False, [True], [False] * 3,
+    0, -1, 1, 2, 0.5, -0.0, 1e308, -1e308, 1e-310, 1e30, 2**31, 2**32, 2**53, 2**63,
     2**64, -(2**63) - 1, math.inf, -math.inf, math.nan, [[]], [{}], [1], [1, 2, 3], {"a": 1}, "../a", "1", "1e5", "nan",
     "a\nb\x1b[31m\u2028", "\x00", "x" * 3000, [0.0] * 16, [1, "a"], [None], [[1, 2], [3]], [1e308] * 3, 7, 65, 10**6,
     *TOML_RAW,
 )  # fmt: skip
+
+
+# one of each type that plain data have, numbers that are none, and what is empty
+SWAPS: tuple[Any, ...] = (
+    None, True, False, 0, -1, 1.5, 2**70, "text", "", "x" * 100_000, [], {}, [[]], [{}], [True], [None], {"a": 1},
+)  # fmt: skip
+
+
+def swaps(name: str, data: bytes, depth: int) -> Iterator[bytes]:
+    """A JSON or TOML file with each node in turn, the root first, replaced by each of SWAPS; nothing of other files.
+
+    depth: of the deepest nodes; 0 is the root alone.
+    """
+    try:
+        tree = tomllib.loads(data.decode()) if name.endswith(".toml") else json.loads(data)
+    except (ValueError, RecursionError):
+        return
+    for path, value in nodes_of(tree):
+        for other in SWAPS if len(path) <= depth else ():
+            if other is not value and (path or isinstance(other, dict) or not name.endswith(".toml")):
+                swapped = with_node(tree, path, other)
+                yield toml_text(swapped) if name.endswith(".toml") else json.dumps(swapped).encode()
 
 
 def spoilt_json(data: bytes, random: Random) -> bytes:
@@ -104,7 +128,7 @@ def _with(tree: Any, path: Path, act: int, random: Random) -> Any:
         other = list(copy)[int(random.integers(len(copy)))]
         copy[key if act == 8 else "\x1b[31mnew\nkey"] = copy[other]
     else:
-        copy[key:key] = [copy[key]] * (1 if act == 8 else 300)
+        copy[key:key] = [copy[key]] * (1 if act == 8 else MANY if random.random() < 0.1 else 300)
     return copy
 
 

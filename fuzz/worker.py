@@ -17,12 +17,17 @@ from typing import NamedTuple
 
 import numpy as np
 
+from fuzz.costs import costs
 from fuzz.judge import FAULT, REFUSED, Verdict, judged
-from fuzz.mutators import spoil_one
+from fuzz.mutators import JSON, spoil_one
 from fuzz.readers import READERS, Reader, palette_spoilt
+from fuzz.trees import swaps
+from fuzz.verbs import WORDS
 
 MEMORY = 6 << 30  # [byte] of addresses beyond those that the process starts with: what wants more fails
 GOOD = -1  # the seed of the good sample
+SWAPS = 1 << 40  # the seed of the first swap: each node of each JSON or TOML file by a value of each type
+WITH_TREES = (*JSON, ".toml")
 
 
 class Sample(NamedTuple):
@@ -53,6 +58,8 @@ def main(arguments: list[str]) -> None:
             results.with_suffix(".now").write_text(json.dumps([name, int(first)]))
             sample = sample_of(READERS[name])
             for seed in (GOOD, *range(int(first), int(first) + int(count))):
+                if seed >= SWAPS and swapped_file(READERS[name], sample, seed - SWAPS) is None:
+                    break
                 results.with_suffix(".now").write_text(json.dumps([name, seed]))
                 verdict = tried(READERS[name], sample, seed, Path(scratch))
                 print(json.dumps({"reader": name, "seed": seed, **verdict._asdict()}), file=out, flush=True)
@@ -86,23 +93,42 @@ def sample_of(reader: Reader) -> Sample:
 
 def tried(reader: Reader, sample: Sample, seed: int, scratch: Path) -> Verdict:
     """The verdict on the sample spoilt by `seed`; a good one must be read."""
-    verdict = judged(reader.read, written(reader, sample, seed, scratch))
+    path = written(reader, sample, seed, scratch)
+    with costs() as wrong:
+        verdict = judged(reader.read, path)
+    if wrong() and verdict.outcome != FAULT and not reader.works:
+        verdict = Verdict(FAULT, wrong(), f"{wrong()}: {verdict.text}")
     if seed == GOOD and reader.good and verdict.outcome == REFUSED:
         verdict = Verdict(FAULT, "the good sample is refused", verdict.text)
     shutil.rmtree(scratch / "try", ignore_errors=True)
     return verdict
 
 
+def swapped_file(reader: Reader, sample: Sample, number: int) -> tuple[str, bytes] | None:
+    """The name and the bytes of the file of a swap; None behind the last one."""
+    if reader.name not in _swaps:
+        _swaps.clear()
+        trees = sorted(name for name in sample.files if name.endswith(WITH_TREES) and name != WORDS)
+        made = ((name, data) for name in trees for data in swaps(name, sample.files[name], reader.swaps))
+        _swaps[reader.name] = list(made)
+    every = _swaps[reader.name]
+    return every[number] if number < len(every) else None
+
+
+_swaps: dict[str, list[tuple[str, bytes]]] = {}
+
+
 def written(reader: Reader, sample: Sample, seed: int, scratch: Path) -> Path:
     """The path to read: the spoilt sample in the folder `scratch`."""
-    random = None if seed == GOOD else np.random.default_rng([zlib.crc32(reader.name.encode()), seed])
+    swap = swapped_file(reader, sample, seed - SWAPS) if seed >= SWAPS else None
+    random = None if seed == GOOD or swap else np.random.default_rng([zlib.crc32(reader.name.encode()), seed])
     home = scratch / "try"
     shutil.rmtree(home, ignore_errors=True)
     home.mkdir(parents=True)
     if random and reader.name == "rendered.exr" and random.random() < 0.6:
         palette_spoilt(home / reader.name, random)
         return home / reader.name
-    files = dict(sample.files)
+    files = dict(sample.files) | (dict([swap]) if swap else {})
     if random:
         (reader.spoil or spoil_one)(files, random)
     inside = home if sample.is_file else home / reader.name

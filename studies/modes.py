@@ -129,7 +129,7 @@ def main(
         full_anew: of scenes that are there, make the pictures of mode full anew.
     """
     out.mkdir(parents=True, exist_ok=True)
-    modes = tuple(mode for mode in MODES if mode != "full" or not without_full)
+    modes: tuple[Mode, ...] = tuple(mode for mode in MODES if mode != "full" or not without_full)
     for name in only or ORDER:
         if full_anew and (out / f"{name}.json").exists():
             print(name, flush=True)

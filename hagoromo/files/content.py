@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from collections import deque
 from collections.abc import Container, Iterator
 from pathlib import Path
@@ -21,8 +22,7 @@ Named = tuple[str, Path]
 def content(path: str | Path, quick: bool = False) -> str:
     """Digest of the file or folder at `path`: equal where names and bytes are; of nothing, "absent".
 
-    quick: of files in folders only names and sizes are taken, so that a volume box is not read. A link in a folder that
-    leads out of it is not followed: no reader of the folder follows it.
+    quick: of files in folders only names and sizes are taken, so that a volume box is not read.
     """
     return _content(Path(path), quick)
 
@@ -89,21 +89,19 @@ def _content(path: Path, quick: bool) -> str:
         return "absent"
     state = hashlib.sha256()
     for file in sorted(path.rglob("*")):
-        if file.is_file() and not _leads_outside(path, file):
-            what = str(file.stat().st_size) if quick else _of_file(file)
+        if file.is_file():
+            what = str(file.stat().st_size) if quick else _of_link(file, path) if file.is_symlink() else _of_file(file)
             state.update(f"{file.relative_to(path).as_posix()}\0{what}\0".encode(errors="surrogateescape"))
     return state.hexdigest()
 
 
-def _leads_outside(folder: Path, file: Path) -> bool:
-    """Whether a file in a folder is a link out of it, to where the user did not allow."""
-    if not file.is_symlink():
-        return False
+def _of_link(link: Path, folder: Path) -> str:
+    """Of a link in a folder: its file's, or, where it leads outside, what can be told without opening that."""
     try:
-        inside(folder, str(file.relative_to(folder)))
+        return _of_file(inside(folder, link.relative_to(folder).as_posix()))
     except InputError:
-        return True
-    return False
+        facts = link.stat()
+        return f"{os.readlink(link)} {facts.st_size} {facts.st_mtime_ns}"
 
 
 def _of_file(path: Path) -> str:

@@ -45,6 +45,8 @@ REFERENCE = "#/$defs/"
 LARGEST_TOML, LARGEST_JSON = 1 << 24, 1 << 28  # bytes
 TOML_GROWTH, JSON_GROWTH = 100.0, 30.0  # memory of the tables of a file, in its sizes: those of its shortest values
 DEEPEST = 100  # tables within tables of a file
+PART_OF_KEY = rb"""(?:[\w-]++|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+"""  # of TOML, with the dot behind it
+DOTTED = re.compile(rb"(?m)(?:^|[\[{,])[ \t]*+(?>%s){%d}" % (PART_OF_KEY, DEEPEST))
 MOST_BITS = 1023  # of a whole number, which then is a finite float
 MOST_BITS_OF_ALL = math.inf  # where the type of every number is checked anyway
 
@@ -214,6 +216,8 @@ def given(record: Any) -> dict[str, Any]:
 def read_toml(path: str | Path) -> dict[str, Any]:
     """The tables of a TOML file; `InputError` when it is missing or not valid TOML."""
     text = read_bytes(sized_file(path, LARGEST_TOML, "a TOML file"), TOML_GROWTH)
+    if DOTTED.search(text):  # tomllib takes the square of its length, in time and memory
+        raise InputError(f"{path} has a key of more than {DEEPEST} parts: it is damaged")
     try:
         data = tomllib.loads(text.decode("utf-8"))
     except (UnicodeDecodeError, ValueError, RecursionError) as error:
@@ -260,7 +264,8 @@ class _TwiceStated(Exception):
 def _table(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     table = dict(pairs)
     if len(table) != len(pairs):
-        raise _TwiceStated(next(key for k, (key, _) in enumerate(pairs) if key in {name for name, _ in pairs[:k]}))
+        seen: set[str] = set()
+        raise _TwiceStated(next(key for key, _ in pairs if key in seen or seen.add(key)))
     return table
 
 

@@ -7,6 +7,7 @@ of a stored brick, else −2d, d in bricks. Bricks are numbered block by block, 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -39,18 +40,22 @@ def blocks_shape(bricks: tuple[int, ...]) -> tuple[int, int, int]:
 
 
 def in_table_order(places: NDArray[np.integer], bricks: tuple[int, ...]) -> NDArray[np.int32]:
-    """Places (n, 3) of bricks [z, y, x] in the order in which the table numbers them."""
+    """Places (n, 3) of bricks [z, y, x] in the order in which the table numbers them; `InputError` as `table_of`."""
+    _require_table(bricks)
     places = np.asarray(places, np.int32).reshape(-1, 3)
     block, inner = _numbers(places, bricks)
     return places[np.argsort(block * BRICKS + inner, kind="stable")]
 
 
 def table_of(places: NDArray[np.integer], bricks: tuple[int, ...]) -> BrickTable:
-    """The table of stored bricks at `places` (n, 3), in table order, on a lattice of `bricks` (z, y, x)."""
+    """The table of stored bricks at `places` (n, 3), in table order, on a lattice of `bricks` (z, y, x).
+
+    `InputError` where the table of such a lattice does not fit the memory.
+    """
     from scipy.ndimage import distance_transform_cdt
 
     shape = blocks_shape(bricks)
-    require(8 * int(np.prod(shape, dtype=np.int64)), f"the table of a lattice of {bricks[::-1]} bricks")
+    _require_table(bricks)
     if not len(places):
         return BrickTable(np.full(shape, -2 * max(shape) - 1, np.int32), np.zeros((0, BRICKS), np.int32))
     block, inner = _numbers(places, bricks)
@@ -68,6 +73,10 @@ def table_of(places: NDArray[np.integer], bricks: tuple[int, ...]) -> BrickTable
         fine[some] = -2 * distance
     fine[number, inner] = np.arange(len(places), dtype=np.int32)
     return BrickTable(coarse, fine)
+
+
+def _require_table(bricks: tuple[int, ...]) -> None:
+    require(8 * math.prod(blocks_shape(bricks)), f"the table of a lattice of {bricks[::-1]} bricks")
 
 
 def _numbers(places: NDArray[np.integer], bricks: tuple[int, ...]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

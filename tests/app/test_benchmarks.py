@@ -4,6 +4,7 @@ import importlib
 import importlib.util
 import json
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,9 @@ import pytest
 
 import hagoromo as hg
 from hagoromo.backend import arrays
+from hagoromo.files import apart
+from hagoromo.files.picture import read_picture
+from hagoromo.files.png import write_png
 from hagoromo_matter.drape.sheet import Sheet
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
@@ -138,3 +142,47 @@ def test_cloth_that_passes_through_itself_is_counted(monkeypatch):
     points[9, 9, 2] = -1.0
     assert drape.crossings(Sheet(points, u, v)) == 3  # the edges from that corner
     assert np.abs(drape.strains(Sheet(2.0 * np.stack([u, v, 0.0 * u], axis=-1), u, v)) - 1.0).max() == 0.0
+
+
+def computes(path, seconds):
+    """Takes so much of computing."""
+    end = time.process_time() + seconds
+    while time.process_time() < end:
+        pass
+    return {"a": np.zeros(1)}
+
+
+@pytest.fixture
+def costs(monkeypatch):
+    """benchmarks/apart.py, with processes of its own."""
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+    monkeypatch.setattr(apart, "_idle", [])
+    yield importlib.import_module("apart")
+    apart._end_all()
+    for name in ("apart", "apart_samples"):
+        sys.modules.pop(name)
+
+
+def test_what_another_process_computes_is_counted_also_when_it_has_ended(costs, tmp_path):
+    before = costs.computed()
+    apart.read_apart(computes, tmp_path, "a folder", 0.3)
+    assert costs.computed() - before >= 0.3
+    apart._end_all()
+    assert costs.computed() - before >= 0.28  # of a process that has ended in steps of 10 ms, for user and system
+
+
+def test_what_is_read_apart_is_read_here_to_compare(costs, monkeypatch, tmp_path, capsys):
+    """No other process is asked then; the page has a row for each sample."""
+    picture = np.random.default_rng(0).integers(0, 255, (13, 17, 3)).astype(np.uint8)
+    write_png(tmp_path / "a.png", picture)
+    case = costs.read_by("PNG", "OpenCV", tmp_path / "a.png", read_picture)
+    assert (case.here(case.path) == picture).all() and not apart._idle
+    assert (case.apart(case.path) == picture).all() and len(apart._idle) == 1
+    kept = costs.read_here("nothing", "none", tmp_path / "a.png", costs.apart_samples.nothing, "here: it is nothing")
+    monkeypatch.setattr(costs, "cases", lambda home: [case, kept])
+    monkeypatch.setattr(sys, "argv", ["apart.py", "--seconds", "0", "--out", str(tmp_path / "apart.md")])
+    costs.main()
+    rows = [line for line in (tmp_path / "apart.md").read_text(encoding="utf-8").splitlines() if line.startswith("| ")]
+    assert [row.split(" | ")[0] for row in rows] == ["| file", "| PNG", "| nothing"]
+    assert rows[1].endswith("| apart |") and rows[2].endswith("| here: it is nothing |")
+    assert len({row.count("|") for row in rows}) == 1 and "written" in capsys.readouterr().out

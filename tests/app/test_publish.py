@@ -207,7 +207,7 @@ def test_a_capture_that_is_solved_in_tiles_keeps_its_name(tmp_path, monkeypatch)
     capture, _ = ball(far=True, name="Noh mask")
     replace(capture, points=None, normals=None).save(tmp_path / "cap")
     monkeypatch.setattr(large_capture, "LARGEST_CAPTURE_BYTES", 0.0)
-    assert large_capture.large_source(tmp_path / "cap").name == "Noh mask"
+    assert large_capture.large_source(tmp_path / "cap").name == "Noh mask"  # type: ignore[union-attr]
 
 
 def test_a_page_keeps_its_limit_and_says_that_it_is_reduced(measured, tmp_path):

@@ -14,6 +14,7 @@ from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.store.box_store import load_box, look_at_box, save_box
+from hagoromo.volume.table import in_table_order, table_of
 
 GREY = Reflectance(0.2, 0.3, 0.2, 1.5, Spectrum.constant(0.8), name="grey")
 
@@ -147,3 +148,11 @@ def test_looking_at_a_box_reads_no_voxels(box):
 
 def load_kept(box: Path) -> int:
     return int(values_of(box, "bricks").sum())
+
+
+@pytest.mark.parametrize("bricks", [(1, 1, 1 << 67), (1 << 24,) * 3, (1 << 21,) * 3])
+def test_a_table_of_a_lattice_beyond_any_memory_is_refused(bricks):
+    """The product of its sides is beyond what NumPy counts; a shell states its shape by itself."""
+    for act in (in_table_order, table_of):
+        with pytest.raises(InputError, match="the table of a lattice of"):
+            act(np.zeros((1, 3), np.int32), bricks)

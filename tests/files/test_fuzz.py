@@ -3,17 +3,23 @@
 `make fuzz` tries more; here every reader, and every verb that does not take long, is given a fixed number of seeds.
 """
 
+import json
+import re
 import shutil
+import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from fuzz import extremes
 from fuzz.judge import FAULT, judged, wrong_message
 from fuzz.mutators import spoilt
-from fuzz.readers import READERS
-from fuzz.run import fuzzed, report
-from fuzz.verbs import SLOW
+from fuzz.readers import READERS, Reader
+from fuzz.run import fuzzed, report, swapped
+from fuzz.trees import SWAPS, nodes_of, swaps
+from fuzz.verbs import SLOW, WORDS
+from fuzz.worker import Sample, swapped_file, tried
 
 CORPUS = Path(__file__).resolve().parents[2] / "fuzz" / "corpus"
 FILES = sorted(path for path in CORPUS.rglob("*") if path.is_file())
@@ -63,3 +69,64 @@ def test_a_seed_spoils_a_file_in_one_way():
     several = [spoilt("a.png", data, np.random.default_rng(seed)) for seed in range(20)]
     assert several == [spoilt("a.png", data, np.random.default_rng(seed)) for seed in range(20)]
     assert len(set(several)) > 15
+
+
+def test_a_swap_is_one_node_of_another_type():
+    """Every node of the tree by every type, the root of TOML by tables alone."""
+    tree = {"a": [1, {"b": "text"}], "c": True}
+    text = 'a = [1, {b = "text"}]\nc = true\n'
+    for name, data, read in (("a.json", json.dumps(tree), json.loads), ("a.toml", text, tomllib.loads)):
+        found: dict[tuple, set[type]] = {path: set() for path, _ in nodes_of(tree)}
+        for made in swaps(name, data.encode(), 99):
+            swapped_tree = read(made.decode())
+            others = dict(nodes_of(swapped_tree))
+            for path, value in nodes_of(tree):
+                if path not in others or type(others[path]) is not type(value):
+                    found[path].add(type(others.get(path)))
+                    break
+        types = {type(None), bool, int, float, str, list, dict}
+        for path, value in nodes_of(tree):
+            assert found[path] >= types - {type(value)} if path or name == "a.json" else not found[path], path
+        roots = list(swaps(name, data.encode(), 0))
+        assert roots == list(swaps(name, data.encode(), 99))[: len(roots)]
+        assert len(roots) == (len(SWAPS) if name == "a.json" else 2)
+
+
+def test_swaps_of_a_reader_are_tried_to_the_last():
+    outcome = swapped(["camera-calibration.json"])
+    assert not outcome.faults, report(outcome)
+    assert outcome.tallies["camera-calibration.json"]["refused"] > 200
+
+
+def test_arguments_of_commands_are_no_file_to_swap():
+    reader = READERS["verb-info"]
+    words = Sample({WORDS: b"[]"}, False)
+    assert swapped_file(reader, words, 0) is None
+
+
+def test_extremes_are_deep_long_or_many():
+    """Each is made of the sample by its seed; none is larger than it may be."""
+    text = b'<a b="c"><d>long text</d><e/></a>\n<f g="h"/>\n'
+    largest = 3 * extremes.LARGEST
+    for act in (*extremes.XML, *extremes.TEXT, *extremes.BINARY):
+        made = [act(text, np.random.default_rng(seed)) for seed in range(30)]
+        assert made == [act(text, np.random.default_rng(seed)) for seed in range(30)]
+        assert len(set(made)) > 1 and max(map(len, made)) < largest
+    deep = [extremes.leaf_nested(text, np.random.default_rng(seed)) for seed in range(30)]
+    assert max(len(re.findall(rb"<d>", made)) for made in deep) == extremes.DEEP + 1
+    header = b"\x40\x00\x00\x01" * 8
+    stated = {extremes.stated_size(header, np.random.default_rng(seed)) for seed in range(50)}
+    assert any((2**16 - 1).to_bytes(2, "big") in made for made in stated)
+
+
+def test_what_takes_too_much_is_a_fault(tmp_path, monkeypatch):
+    """Counted; the bounds are lowered, not to take as much here."""
+    monkeypatch.setattr("fuzz.costs.MOST_MEMORY", 50 << 20)
+    monkeypatch.setattr("fuzz.costs.MOST_SECONDS", 0.2)
+    acts = {"GiB of memory": lambda path: bytearray(200 << 20), "s of computing": lambda path: sum(range(20_000_000))}
+    for said, act in acts.items():
+        reader = Reader("a.txt", lambda path: None, act)
+        verdict = tried(reader, Sample({"a.txt": b"text"}, True), 0, tmp_path)
+        assert verdict.outcome == FAULT and said in verdict.kind
+        working = reader._replace(works=True)
+        assert tried(working, Sample({"a.txt": b"text"}, True), 0, tmp_path).outcome == "read"

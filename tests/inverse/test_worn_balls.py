@@ -79,7 +79,7 @@ def test_streaks_that_meet_in_the_lamp_are_no_second_highlight():
 def test_a_dispute_is_drawn_and_said():
     photograph, mask = crossed(12.0)
     found = hg.calibrate_lamps({"a": photograph}, mask)
-    shown = found.readings[0].highlight
+    shown = found.readings[0].highlight  # type: ignore[union-attr]
     picture = ball_picture(photograph, found).astype(int)
     x, y = np.rint(np.array(shown.disputed) - 0.5).astype(int)
     yellow = np.abs(picture - DISPUTED).max(axis=2) < 60

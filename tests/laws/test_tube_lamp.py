@@ -9,6 +9,7 @@ import hagoromo as hg
 from hagoromo.backend import arrays, mitsuba
 from hagoromo.image.scene_lights import area_lamp_from
 from hagoromo.light.light_points import area_points
+from hagoromo.light.shapes.tube import Tube
 from hagoromo_formats.mitsuba.write import write_mitsuba
 
 WHITE = hg.Spectrum.constant(1.0)
@@ -207,7 +208,7 @@ def test_a_tube_comes_back_from_other_programs(way, tmp_path):
     (lamp,), (before,) = (
         hg.load_scene(folder / "scene.toml")[0].area_lamps for folder in (tmp_path / "back", tmp_path)
     )
-    assert lamp.shape.word == "tube"
+    assert isinstance(lamp.shape, Tube) and isinstance(before.shape, Tube)
     np.testing.assert_allclose(lamp.position, before.position, atol=1e-5)
     np.testing.assert_allclose(np.abs(np.array(lamp.shape.along)), np.abs(before.shape.along), atol=1e-5)
     assert lamp.shape.radius == pytest.approx(0.06, rel=1e-5) and lamp.radiance == pytest.approx(5.0, rel=0.01)

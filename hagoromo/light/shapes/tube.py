@@ -40,7 +40,7 @@ class Tube(LampShape, frozen=True, kw_only=True):
         axis = np.array(self.along) / self.length
         side = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
         side /= np.linalg.norm(side)
-        return np.column_stack([axis, side, np.cross(axis, side)])
+        return np.asarray(np.column_stack([axis, side, np.cross(axis, side)]), np.float64)
 
     @property
     def area(self) -> float:
