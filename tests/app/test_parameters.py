@@ -7,6 +7,7 @@ new fails here until every consumer carries or names it.
 import dataclasses
 import json
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -365,7 +366,9 @@ def measured(material):
     normals /= np.linalg.norm(normals, axis=2, keepdims=True)
     values = np.full((height, width, 3), 0.2)
     lamp = Lamp(to_lamp=(0.3, 0.1, -1.0), spectrum=day, name="one")
-    shot = Photograph(values, 1e-4 + 0.0 * values, np.ones((height, width), bool), camera, (lamp,), "one")
+    shot = Photograph(
+        values, np.full_like(values, 1e-4, np.float32), np.ones((height, width), bool), camera, (lamp,), "one"
+    )
     spectra = {material.name: material.body_spectrum(response, day)}
     return Measurement(
         (material,), np.zeros((height, width), int), (), (), normals.astype(np.float32), points, body_spectra=spectra,
@@ -389,12 +392,13 @@ def published(tmp_path_factory):
 def forms_of(measurement, folder):
     page = single_page(page_source(measurement, None), 10**6)
     data = dict(page.viewer.data)
-    forms = {"page": ((data, page.viewer.tiles), data.pop("assumptions"))}
+    forms: dict[str, Any] = {"page": ((data, page.viewer.tiles), data.pop("assumptions"))}
     for form in EXPORTS:
         record = hg.export(measurement, [form], folder / form)["formats"][form]
         forms[form] = contents(folder / form, ("export.json",)), [record["lost"], *record["lost_of_materials"]]
     plate = MapsPlate(page_source(measurement, None).maps, measurement)
-    forms["viewer"] = plate.linear("picture", PlateLight(), ViewTransform()).tolist(), [repr(measurement.materials)]
+    shown = np.asarray(plate.linear("picture", PlateLight(), ViewTransform()))
+    forms["viewer"] = shown.tolist(), [repr(measurement.materials)]
     return forms
 
 
@@ -449,7 +453,7 @@ def test_an_edit_in_the_viewer_keeps_all_else(tmp_path, name):
         "surface": [{"shape": "sphere", "scale": 0.1, "reflectance": made.record()}],
     }
     (tmp_path / "scene.toml").write_text(toml_text(tables))
-    desk = open_desk(tmp_path / "scene.toml")
+    desk: Any = open_desk(tmp_path / "scene.toml")
     before = desk.scene.surfaces[0].reflectance
     (control,) = (one for one in desk.controls(desk.state) if one.name == "surface 0 n")
     desk.edit(control.put(desk.state, 1.45), "n")
