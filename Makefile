@@ -8,7 +8,7 @@ TOOLS := .venv/pins
 INSTALL := -m pip install --quiet --disable-pip-version-check --only-binary=:all:
 OWN := --no-deps --no-build-isolation -e .
 
-.PHONY: help setup demo test test-all test-slow data docs bench figures fuzz crash package platforms schemas cycles constraints audit lowest
+.PHONY: help setup demo test test-all test-slow mutants data docs bench figures fuzz crash package platforms schemas cycles constraints audit lowest
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):.* ## /\1 /p' Makefile | while read -r name about; do printf '  make %-10s %s\n' "$$name" "$$about"; done
@@ -53,6 +53,9 @@ package: $(READY) ## wheel and sdist, into out/package, after the tests that loo
 
 fuzz: $(READY) ## a quarter of an hour of spoilt files of every kind: each is read, or refused in one line
 	$(BIN)/python -m fuzz --minutes 15 --processes 2 --keep out/fuzz
+
+mutants: $(READY) ## numbers of the laws are changed, 200 one at a time; lists what the nearest tests do not notice (hours)
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.mutants --out out/mutants.json
 
 test-slow: $(READY) ## the tests that take minutes
 	$(BIN)/pytest -n 2 --dist worksteal -m slow
