@@ -108,12 +108,12 @@ def _march_on(order: SceneOrder, cluster: Cluster, progress: Progress) -> Image:
     for number, batch in enumerate(facts.batches):
         of_batch = part_of(progress, number / len(facts.batches), 1.0 / len(facts.batches))
         palette = facts.palette.with_lamps([facts.lamps[lamp] for lamp in batch], order.settings.separate_lamps)
-        values = _traced(order, number, size, palette.channels, cluster, of_batch)
+        values = _traced(order, number, size, cluster, of_batch)
         total.add(batch, palette, values[..., :-1])
     image = Image(total.values, values[..., -1], facts.palette, facts.metadata)
     if not facts.sees_lights:
         return image
-    return with_light(image, _traced(order, SEEN, size, len(facts.palette.lamps), cluster, silent)[..., :-1])
+    return with_light(image, _traced(order, SEEN, size, cluster, silent)[..., :-1])
 
 
 def _solve_and_trace(
@@ -121,20 +121,18 @@ def _solve_and_trace(
 ) -> tuple[Array, Array, dict[str, Any]]:
     """A `TraceBatch` of mode full on workers."""
     size = scene.camera.height, scene.camera.width
-    channels = cluster.run(solved_channels, order, number)
-    values = _traced(order, number, size, channels, cluster, progress)
+    values = _traced(order, number, size, cluster, progress)
     return values[..., :-1], values[..., -1], cluster.run(solved_record, order, number)
 
 
-def _traced(
-    order: SceneOrder, batch: int, size: tuple[int, int], channels: int, cluster: Cluster, progress: Progress
-) -> Array:
+def _traced(order: SceneOrder, batch: int, size: tuple[int, int], cluster: Cluster, progress: Progress) -> Array:
     """Weights and alpha (height, width, channels + 1) of a picture under one batch of lamps."""
-    height, width = size
-    require(4 * width * height * (channels + 1), "the picture")
-    values = np.zeros((height, width, channels + 1), np.float32)
+    (height, width), values = size, np.zeros((0, 0, 0), np.float32)
     spans = ray_spans(tiled(width, height), cluster.workers)
     for done, (number, traced) in enumerate(cluster.results(trace, ((order, batch, span) for span in spans)), 1):
+        if done == 1:
+            require(4 * width * height * traced.shape[1], "the picture")
+            values = np.zeros((height, width, traced.shape[1]), np.float32)
         column, row, inside = pixels_of(spans[number], width, height)
         values[row[inside], column[inside]] = traced[inside]
         progress(done / len(spans), "tiles")
@@ -191,11 +189,6 @@ def _means(order: SceneOrder, film: Film, radiance: Callable[..., Any]) -> Array
         film.add(radiance, point)
     weights, alpha = film.mean()
     return np.concatenate([weights, alpha[:, None]], axis=1)
-
-
-def solved_channels(order: SceneOrder, batch: int) -> int:
-    """On a worker: weights of a pixel under a batch of lamps, in mode full."""
-    return _solved(held_scene(order), batch).prepared.lighting.channels
 
 
 def solved_record(order: SceneOrder, batch: int) -> dict[str, Any]:
