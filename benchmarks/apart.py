@@ -234,7 +234,7 @@ def others(home: Path) -> list[Case]:
 
     lens = Camera(640, 480, (600.0, 600.0), (320.0, 240.0), (0.1,) + (0.0,) * 7)
     write_views(home / "a.yml", {f"{k}.png": lens.with_pose(np.eye(4)) for k in range(VIEWS)}, "opencv")
-    (home / "a.xml").write_text(records.LENSFUN)
+    (home / "a.xml").write_text(records.LENSFUN, encoding="utf-8")
     ball = trimesh.creation.icosphere(subdivisions=FINENESS)
     for kind in ("ply", "obj", "stl", "glb"):
         data: Any = ball.export(file_type=kind)

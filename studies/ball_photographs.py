@@ -1,6 +1,6 @@
 """The study of lamps read off balls: scratched, dusty, glossy balls, masks beside the ball, and real photographs.
 
-    python -m studies.ball_photographs --out out/ball_photographs.json --real ../shared/data/uw_psm
+    python -m studies.ball_photographs --out out/balls.json --real ../shared/data/uw_psm
 
 The photographs are simulated by `studies.simulated_balls`, which shares nothing with the readings. The angles are those
 between what is read and the truth. A set of photographs that is refused is read one photograph at a time, to count how
@@ -125,7 +125,7 @@ def _photographs(folder: Path) -> tuple[dict[str, NDArray], NDArray]:
 
 
 def _directions(file: Path) -> NDArray[np.float64]:
-    rows = [line.split() for line in file.read_text().splitlines()]
+    rows = [line.split() for line in file.read_text(encoding="utf-8").splitlines()]
     found = np.array([[float(word) for word in row] for row in rows if len(row) == 3])
     return found / np.linalg.norm(found, axis=1, keepdims=True)
 

@@ -70,10 +70,10 @@ STUDIES: dict[str, Study] = {
         "a minute",
         (_module("calibration", "--out", "out/calibration.json", "--force"),),
     ),
-    "ball_photographs": Study(
+    "balls": Study(
         "lamps read off balls that are scratched, dusty, glossy, or beside their mask, simulated and real",
         "minutes",
-        (_module("ball_photographs", "--out", "out/ball_photographs.json", "--real", f"{DATA}/uw_psm", "--force"),),
+        (_module("ball_photographs", "--out", "out/balls.json", "--real", f"{DATA}/uw_psm", "--force"),),
     ),
     "near": Study(
         "normals and depth under near lamps in perspective, simulated, highlights from narrow to wide",

@@ -75,6 +75,7 @@ def backends(monkeypatch):
     sys.modules.pop("backends")
 
 
+@pytest.mark.nightly
 def test_pictures_of_two_backends_are_compared(backends, tmp_path, capsys):
     """The CPU against itself: the same bits where there is no noise. What is kept of the first is a reference."""
     out, kept = tmp_path / "backends.json", tmp_path / "kept"

@@ -125,10 +125,10 @@ def test_a_killed_worker_loses_nothing(slab, cluster, monkeypatch):
 @pytest.mark.parametrize(
     ("mode", "more"),
     [
-        ("path", {"samples": 3}),
+        pytest.param("path", {"samples": 3}, marks=pytest.mark.nightly),
         ("path", {"samples": 1, "error": 0.4, "orders": 2}),
         ("full", {"samples": 1}),
-        ("march", {"samples": 1}),
+        pytest.param("march", {"samples": 1}, marks=pytest.mark.nightly),
     ],
 )
 def test_pictures_of_every_mode_and_layers_have_the_bits_of_one_machine(dense, cluster, monkeypatch, mode, more):

@@ -34,6 +34,7 @@ def scene():
     return hg.Scene(camera, (hg.Lamp(to_lamp=(0, -1, 0.5)),), (box,))
 
 
+@pytest.mark.nightly
 def test_by_the_march_a_colour_is_found_that_no_element_may_have(scene):
     """Light of the first order is linear in it."""
     none, some = (
@@ -46,6 +47,7 @@ def test_by_the_march_a_colour_is_found_that_no_element_may_have(scene):
     assert most.directional_albedo().max() == pytest.approx(1.0, abs=2e-3)
 
 
+@pytest.mark.nightly
 def test_the_colour_of_a_photograph_is_found_where_all_orders_are_taken_into_account(scene):
     """To 5 %; without them it is too bright, and the other photograph is not predicted."""
     behind = scene.with_lamps(hg.Lamp(to_lamp=(0, 1, 0.5)))

@@ -67,6 +67,7 @@ def home(tmp_path_factory):
     return folder
 
 
+@pytest.mark.nightly
 def test_the_camera_and_the_lamps_are_found(home):
     """The focal length to 0.5 %, of which its standard deviation is most; lamps to a degree, which is theirs."""
     true = read_json(home / "lab" / "truth" / "camera.json")
@@ -77,6 +78,7 @@ def test_the_camera_and_the_lamps_are_found(home):
     assert np.degrees(np.arccos(cosines)).max() < 1.0
 
 
+@pytest.mark.nightly
 def test_the_surface_is_found(home):
     """Normals to 3° in the mean: lamps at 4 m are taken for far ones, which alone is up to 0.8°."""
     found, true = (
@@ -88,6 +90,7 @@ def test_the_surface_is_found(home):
     assert np.degrees(np.arccos(np.clip(np.sum(found * true, axis=2)[both], -1.0, 1.0))).mean() < 3.0
 
 
+@pytest.mark.nightly
 def test_the_boxes_are_near_the_photograph_kept_aside(home):
     """15 % of the photograph, 5 ΔE00: most of it at the terminator and where the upper part shades the lower."""
     compared = read_json(home / "relit" / "relit.json")[0]["compared"]["boxes"]

@@ -28,6 +28,7 @@ SESSIONS = ".session"  # of the viewer, which tests/app/test_view_messages.py tr
 QUICK = [name for name in READERS if name.removeprefix("verb-") not in SLOW and not name.endswith(SESSIONS)]
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("half", [0, 1])
 def test_spoilt_files_are_read_or_refused_in_one_line(half):
     """In a process of its own, whose memory is bounded, and which may crash."""

@@ -22,6 +22,7 @@ TAILS = "three lamps, tails and colour", 6_000.0, 24  # of ν 0.7 to 6, some of 
 BY_CHANCE = 1e-3  # probability that exact 95 % intervals hold less often than is asked, for one parameter
 
 
+@pytest.mark.nightly
 def test_intervals_hold_the_truth_as_often_as_they_say(tmp_path):
     """Decided beforehand: no fewer of 45 than exact intervals hold in all but one of a thousand such tests, 37."""
     found = [simulated(BENCHES[bench], full_well, np.random.default_rng([k, 71]))
@@ -35,6 +36,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say(tmp_path):
     assert "| specular albedo |" in (tmp_path / "coverage.md").read_text(encoding="utf-8")
 
 
+@pytest.mark.nightly
 def test_intervals_with_tails_hold_the_truth_as_often_as_they_say():
     """No fewer of 24 than exact intervals hold in all but one of a thousand such tests, 18; tails are found in most."""
     bench, full_well, count = TAILS

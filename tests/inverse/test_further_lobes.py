@@ -45,6 +45,7 @@ def left_out(capture: hg.Capture, views: hg.Views, fit: Fit) -> float:
     return float(np.sqrt(np.mean((model - true) ** 2) / np.mean(true**2)))
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("seed", [0])
 def test_a_spike_on_a_haze_is_found(seed, tmp_path):
     """The error under a lamp left out falls to half and less; clipped highlights are lower bounds: the sum of the lobes

@@ -51,6 +51,7 @@ def table(hits, ratios):
     return "\n".join(lines)
 
 
+@pytest.mark.nightly
 def test_intervals_hold_the_truth_and_medians_have_no_bias():
     """100 captures: each flagged parameter's interval holds the truth 95 times in 100, at a significance of 2 %.
 

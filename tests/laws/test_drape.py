@@ -316,7 +316,7 @@ from hagoromo.backend import arrays, lookup
 from hagoromo_matter.drape.collider import Collider
 from hagoromo_matter.drape.contact import LARGEST_CONTACTS, NEIGHBOUR_ROWS, Contacts
 from hagoromo_matter.drape.cut import Cut
-from hagoromo_matter.drape.settle import Fabric, Fall, settled
+from hagoromo_matter.drape.settle import ClothMechanics, Fall, settled
 
 class Ring:
     def __init__(self):
@@ -335,7 +335,8 @@ gc.collect()
 gc.set_threshold(10**6)
 for _ in range(100):
     Ring()  # an array that only the collector frees
-settled([Cut(20.0, 20.0, start)], Nothing([], (-1.0, -1.0, -1.0), (1.0, 1.0, 1.0), 1.0), Fabric(), Fall(2.0, 0.02, 1))
+nothing = Nothing([], (-1.0, -1.0, -1.0), (1.0, 1.0, 1.0), 1.0)
+settled([Cut(20.0, 20.0, start)], nothing, ClothMechanics(), Fall(2.0, 0.02, 1))
 """
 
 

@@ -117,8 +117,6 @@ def test_layers_of_a_march_are_the_same(image):
     marched = hg.render(ball_and_box(), layers=True)
     assert marched.layers is not None
     assert all(np.array_equal(marched.layers[name], image.layers[name]) for name in LAYERS)
-    with pytest.raises(hg.InputError, match="layers with a scheduler"):
-        hg.render(ball_and_box(), scheduler=2, layers=True)
 
 
 @pytest.mark.skipif(NO_DENOISER, reason="Open Image Denoise is not installed (pip install 'hagoromo[denoise]')")

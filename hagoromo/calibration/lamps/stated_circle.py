@@ -20,8 +20,8 @@ SMALLEST = 6.0  # [px] radius
 def stated(ball: Ball) -> str:
     """Options that state the ball's circle.
 
-    >>> stated(Ball((31.5, 30.25), 11.0, (0.1, 0.1, 0.1), 0.0, np.zeros((0, 2))))
-    '--mask 31.5,30.2,11.0 or --ball 31.5,30.2,11.0'
+    >>> stated(Ball((31.5, 30.5), 11.0, (0.1, 0.1, 0.1), 0.0, np.zeros((0, 2))))
+    '--mask 31.5,30.5,11.0 or --ball 31.5,30.5,11.0'
     """
     x, y = ball.outline(90).mean(axis=0).tolist()
     circle = f"{x:.1f},{y:.1f},{ball.radius:.1f}"
