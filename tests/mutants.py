@@ -65,12 +65,17 @@ def mutants_of(file: str, source: str) -> Iterator[Mutant]:
     tree = ast.parse(source)
     left_out = {id(inner) for node in ast.walk(tree) for part in _no_law(node) for inner in ast.walk(part)}
     for node in ast.walk(tree):
-        number = isinstance(node, ast.Constant) and type(node.value) in (int, float)
-        if number and id(node) not in left_out and node.lineno == node.end_lineno:
-            was = source.splitlines()[node.lineno - 1].encode()[node.col_offset : node.end_col_offset].decode()
-            value = node.value
-            becomes = repr(value + 1) if isinstance(value, int) else repr(value * (1.0 + SHARE) if value else SHARE)
-            yield Mutant(file, node.lineno, node.col_offset, node.end_col_offset or 0, was, becomes)
+        if not isinstance(node, ast.Constant) or id(node) in left_out or node.lineno != node.end_lineno:
+            continue
+        value, end = node.value, node.end_col_offset or 0
+        if type(value) is int:
+            becomes = repr(value + 1)
+        elif type(value) is float:
+            becomes = repr(value * (1.0 + SHARE) if value else SHARE)
+        else:
+            continue
+        was = source.splitlines()[node.lineno - 1].encode()[node.col_offset : end].decode()
+        yield Mutant(file, node.lineno, node.col_offset, end, was, becomes)
 
 
 def _no_law(node: ast.AST) -> list[ast.AST]:
