@@ -96,11 +96,8 @@ class AreaLamp:
 
     def moved(self, by: ArrayLike) -> AreaLamp:
         """The lamp with `by` (3,) added to its position [m]."""
-        made = object.__new__(AreaLamp)
-        for key in self.__dataclass_fields__:
-            object.__setattr__(made, key, getattr(self, key))
-        object.__setattr__(made, "position", _place(self.position + np.asarray(by), f"area lamp {self.name!r}"))
-        return made
+        other = {key: getattr(self, key) for key in ("radiance", "spectrum", "name", "visible")}
+        return AreaLamp(self.position + np.asarray(by), **self._keys(), **other)
 
     def on_device(self) -> AreaLight:
         """Its light, for walks; its position counts from the origin of the scene."""
@@ -108,11 +105,14 @@ class AreaLamp:
 
     def record(self) -> dict[str, object]:
         """The lamp as plain values, as a scene file states it."""
-        shape = {key: _plain(getattr(self.shape, key)) for key in self.shape.__struct_fields__}
         return {
-            "position": self.position.tolist(), **shape, "radiance": self.radiance, "spectrum": self.spectrum.record(),
-            "name": self.name, "visible": self.visible,
+            "position": self.position.tolist(), **self._keys(), "radiance": self.radiance,
+            "spectrum": self.spectrum.record(), "name": self.name, "visible": self.visible,
         }  # fmt: skip
+
+    def _keys(self) -> dict[str, Any]:
+        """Those of its shape, as plain values."""
+        return {key: _plain(getattr(self.shape, key)) for key in self.shape.__struct_fields__}
 
 
 def _plain(value: Any) -> Any:

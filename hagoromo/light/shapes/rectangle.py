@@ -29,11 +29,6 @@ class Rectangle(LampShape, frozen=True, kw_only=True):
     ]
 
     @property
-    def word(self) -> str:
-        """See `LampShape`."""
-        return "rectangle"
-
-    @property
     def sides(self) -> Array:
         """(2, 3) [m]."""
         return np.array(self.edges)

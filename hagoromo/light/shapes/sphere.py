@@ -20,11 +20,6 @@ class Sphere(LampShape, frozen=True, kw_only=True):
     radius: Annotated[Positive, about("radius of a round lamp, which shines outwards; alone: of a sphere [m]")]
 
     @property
-    def word(self) -> str:
-        """See `LampShape`."""
-        return "sphere"
-
-    @property
     def area(self) -> float:
         """4π r²."""
         return 4.0 * math.pi * self.radius**2

@@ -25,11 +25,6 @@ class Tube(LampShape, frozen=True, kw_only=True):
     along: Annotated[Vector, about("with radius: a tube, from end to end [m]; it shines from its side")]
 
     @property
-    def word(self) -> str:
-        """See `LampShape`."""
-        return "tube"
-
-    @property
     def length(self) -> float:
         """From end to end [m]."""
         return float(np.linalg.norm(self.along))
