@@ -23,13 +23,12 @@ from hagoromo.image.full_picture import SolvedScene, batches_and_bands, full_pic
 from hagoromo.image.image import Image
 from hagoromo.image.lamp_batches import Batch, WeightsOfLamps, lamp_batches
 from hagoromo.image.layers import PIXELS_AT_ONCE, Looked, looked_at, with_layers
-from hagoromo.image.lit_by_points import lit_by_points
 from hagoromo.image.modes import Mode
 from hagoromo.image.path_picture import path_picture
 from hagoromo.image.prepared_scene import PreparedScene
 from hagoromo.image.scene import Scene
 from hagoromo.image.scene_file import camera_and_settings, load_scene
-from hagoromo.image.scene_on_worker import HeldScene, SceneOrder, held_scene
+from hagoromo.image.scene_on_worker import HeldScene, SceneOrder, held_scene, task_size
 from hagoromo.image.seen_lights import SeenLights, camera_sees_lights, with_light
 from hagoromo.image.settings import Settings, metadata
 from hagoromo.image.walk_tiles import walk_on
@@ -38,7 +37,6 @@ from hagoromo.progress import Progress, part_of, silent
 from hagoromo.transport.film import RAYS_AT_ONCE, TILE, Film, pixel_points, pixels_of, tiled
 from hagoromo.transport.palette import Palette
 
-TASKS_PER_WORKER = 8  # of a picture, so that none waits long for the last
 SEEN = -1  # stands for a batch: of the lights that the camera sees
 FEWEST_RAYS = 1 << 14  # of a task: fewer are traced faster than they are sent
 Array = NDArray[np.float32]
@@ -141,7 +139,7 @@ def _traced(order: SceneOrder, batch: int, size: tuple[int, int], cluster: Clust
 
 def _look_on(order: SceneOrder, cluster: Cluster, pixels: int) -> list[Looked]:
     """A `LookAt` of workers."""
-    size = min(max(-(-pixels // (TASKS_PER_WORKER * max(cluster.workers, 1))), FEWEST_RAYS), PIXELS_AT_ONCE)
+    size = task_size(pixels, cluster.workers, FEWEST_RAYS, PIXELS_AT_ONCE)
     spans = [range(first, min(first + size, pixels)) for first in range(0, pixels, size)]
     found = dict(cluster.results(look, ((order, span) for span in spans)))
     return [found[number] for number in range(len(spans))]
@@ -150,15 +148,14 @@ def _look_on(order: SceneOrder, cluster: Cluster, pixels: int) -> list[Looked]:
 def ray_spans(rays: int, workers: int) -> list[range]:
     """Numbers of all rays in runs: whole tiles, TASKS_PER_WORKER or more a worker, no longer than one launch."""
     whole = TILE[0] * TILE[1]
-    size = min(max(-(-rays // (TASKS_PER_WORKER * max(workers, 1))), FEWEST_RAYS), RAYS_AT_ONCE)
-    size = -(-size // whole) * whole
+    size = -(-task_size(rays, workers, FEWEST_RAYS, RAYS_AT_ONCE) // whole) * whole
     return [range(first, min(first + size, rays)) for first in range(0, rays, size)]
 
 
 def scene_facts(order: SceneOrder) -> SceneFacts:
     """On a worker: what the picture of the march needs of a scene."""
     held = held_scene(order)
-    lit, points = lit_by_points(held.scene, order.settings)
+    lit, points = held.lit_by_points
     palette = _marched(held, 0).palette.with_lamps(lit.lamps, order.settings.separate_lamps)
     batches, seen = lamp_batches(lit.lamps), camera_sees_lights(held.scene)
     record = metadata(held.scene, order.settings) | points
@@ -204,7 +201,7 @@ def look(order: SceneOrder, pixels: range) -> Looked:
 
 def _marched(held: HeldScene, batch: int) -> PreparedScene:
     def make() -> PreparedScene:
-        lit = lit_by_points(held.scene, held.order.settings)[0]
+        lit, _ = held.lit_by_points
         return PreparedScene(_under(lit, lamp_batches(lit.lamps), batch), held.order.settings, held.cache)
 
     return held.ready(("march", batch), make)
@@ -212,8 +209,7 @@ def _marched(held: HeldScene, batch: int) -> PreparedScene:
 
 def _solved(held: HeldScene, batch: int) -> SolvedScene:
     def make() -> SolvedScene:
-        settings = held.order.settings
-        lit = lit_by_points(held.scene, settings)[0]
+        settings, (lit, _) = held.order.settings, held.lit_by_points
         batches, bands = batches_and_bands(lit, settings)
         return SolvedScene(_under(lit, batches, batch), settings, bands, held.cache)
 

@@ -7,11 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
 
 from hagoromo.errors import InputError
 from hagoromo.files.content import content_with_named
+from hagoromo.image.lit_by_points import lit_by_points
 from hagoromo.image.modes import Mode
 from hagoromo.image.prepared_scene import SceneCache
 from hagoromo.image.scene import Scene
@@ -19,6 +21,12 @@ from hagoromo.image.scene_file import load_for_picture, load_scene
 from hagoromo.image.settings import Settings
 
 Ready = TypeVar("Ready")
+TASKS_PER_WORKER = 8  # of a picture, or of one step of its walks, so that none waits long for the last
+
+
+def task_size(work: int, workers: int, least: int, most: int) -> int:
+    """Rays or pixels of one task, of so many in all."""
+    return min(max(-(-work // (TASKS_PER_WORKER * max(workers, 1))), least), most)
 
 
 @dataclass(frozen=True)
@@ -49,6 +57,11 @@ class HeldScene:
         self.scene: Scene = (load_for_picture(order.path, order.settings) if by_march else load_scene(order.path))[0]
         self.order, self.cache = order, SceneCache()
         self._made: tuple[Any, Any] | None = None
+
+    @cached_property
+    def lit_by_points(self) -> tuple[Scene, dict[str, Any]]:
+        """The scene under lamps only, as rays take it, and what metadata say of them."""
+        return lit_by_points(self.scene, self.order.settings)
 
     def ready(self, key: Any, make: Callable[[], Ready]) -> Ready:
         """What `make` gives, unless the last thing had the same key; the last thing is let go before."""

@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 from hagoromo.cluster.cluster import Cluster
 from hagoromo.image.path_picture import WalkStream, batches_and_bands, walks_at_once
 from hagoromo.image.scene import Scene
-from hagoromo.image.scene_on_worker import HeldScene, SceneOrder, held_scene
+from hagoromo.image.scene_on_worker import HeldScene, SceneOrder, held_scene, task_size
 from hagoromo.image.walk_sums import PixelSums, Stop, WalkSums
 from hagoromo.progress import Progress
 
-TASKS_PER_WORKER = 8  # of one step of the walks, so that none waits long for the last
 PIXELS = 1 << 10, 1 << 16  # of a task, at least and at most
 Array = NDArray[np.float64]
 
@@ -28,7 +27,7 @@ def walk_on(
     stop = Stop(order.settings, share)
     while stop.goes_on(sums):
         lacking = sums.lacking()
-        size = min(max(-(-lacking.size // (TASKS_PER_WORKER * max(cluster.workers, 1))), PIXELS[0]), PIXELS[1])
+        size = task_size(lacking.size, cluster.workers, *PIXELS)
         parts = [lacking[first : first + size] for first in range(0, lacking.size, size)]
         tasks = ((order, number, part, sums.table[part], sums.luminance) for part in parts)
         for done, rows in cluster.results(walked, tasks):
