@@ -7,7 +7,7 @@ from pathlib import Path
 from hagoromo.errors import InputError
 from hagoromo.image.image import Image
 from hagoromo.image.march_picture import picture
-from hagoromo.image.modes import MODES, Mode
+from hagoromo.image.modes import Mode
 from hagoromo.image.prepared_scene import SceneCache
 from hagoromo.image.scene import Scene
 from hagoromo.image.settings import Settings, check_mode
@@ -49,10 +49,7 @@ def render(
     >>> image.weights.shape, round(float(image.weights[3, 4].sum()), 4)
     ((7, 9, 2), 0.5)
     """
-    if mode not in MODES:
-        raise InputError(f"mode is {mode!r}: give one of {', '.join(MODES)}")
-    if settings is not None:
-        check_mode(settings, mode)
+    check_mode(settings or Settings(), mode)
     if unfinished is not None and mode != "path":
         raise InputError(f"mode is {mode!r}: only pictures of mode path are resumed")
     if scheduler is not None:

@@ -10,7 +10,7 @@ from hagoromo import __version__
 from hagoromo.backend import name as backend_name
 from hagoromo.errors import InputError
 from hagoromo.image.cut import Cut, checked_cut
-from hagoromo.image.modes import SHADOWS, Mode, Shadows
+from hagoromo.image.modes import MODES, SHADOWS, Mode, Shadows
 from hagoromo.image.scene import Scene
 from hagoromo.transport.frames import DEFAULT_TOLERANCE
 
@@ -86,7 +86,9 @@ def scene_and_settings(scene: Scene | str | Path, settings: Settings | None = No
 
 
 def check_mode(settings: Settings, mode: Mode) -> None:
-    """`InputError` for settings that the mode does not heed."""
+    """`InputError` for a mode that there is not, and for settings that the mode does not heed."""
+    if mode not in MODES:
+        raise InputError(f"mode is {mode!r}: give one of {', '.join(MODES)}")
     if settings.cut is not None and mode != "march":
         raise InputError(f"a cut is for mode march, and the mode is {mode}: leave the cut out, or render by march")
     heeded = {"march": (), "full": ("orders",), "path": ("orders", "error", "seconds")}[mode]

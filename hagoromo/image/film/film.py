@@ -27,7 +27,7 @@ from hagoromo.files.whole import replaceable_file, tidied, whole_file, write_byt
 from hagoromo.image.film.motion import Tables, read_motion, turned
 from hagoromo.image.film.sheet import SHEET_FRAMES, STRIP_FRAMES, chosen, sheet, strip
 from hagoromo.image.image import Image, auto_exposure
-from hagoromo.image.modes import MODES, Mode
+from hagoromo.image.modes import Mode
 from hagoromo.image.prepared_scene import SceneCache
 from hagoromo.image.read_once import read_once
 from hagoromo.image.render import picture_of_mode
@@ -130,8 +130,6 @@ def film(
 def _ordered(
     path: Path, settings: Settings | None, turn: Turn | None, rate: float | None, mode: Mode = "march"
 ) -> FilmOrder:
-    if mode not in MODES:
-        raise InputError(f"mode is {mode!r}: give one of {', '.join(MODES)}")
     check_mode(settings or camera_and_settings(path)[1], mode)
     if settings is not None and settings.seconds is not None:
         raise InputError("a time for each picture gives other frames from run to run: give samples, or an error")
