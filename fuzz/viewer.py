@@ -91,6 +91,11 @@ class Visitor:
         except ConnectionClosed:
             self.gone = True
 
+    def sees(self) -> bool:
+        """Whether a picture came, or the socket is gone."""
+        self.listen()
+        return self.gone or self.pictures > 0
+
     def _take(self, data: bytes) -> None:
         import zstandard
 
@@ -153,6 +158,7 @@ class Served:
         with contextlib.closing(Visitor(self.browser.address)) as visitor:
             visitor.send(camera_message(0.3))
             self.until(lambda: bool(set(self.browser.watchers) - known))
+            self.until(visitor.sees)  # a picture comes after the widgets, of which the frames speak
             self.heard(visitor, known, LAST_WIDTH - 1)
             for frame in frames:
                 visitor.send(frame)
