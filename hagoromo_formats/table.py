@@ -105,6 +105,11 @@ FORMATS = (
         "our own reflectance in the published layout", "bins between those that are read; the sense of the plane",
     ),
     Format(
+        "RGL BRDF", "reflectance", (".bsdf",), f"{REFLECTANCES}.rgl:read_rgl", "",
+        "Mitsuba, in a process of its own", "our own reflectance in the published layout",
+        "wavelengths between those that are read; the sense of the plane", magic=(b"tensor_file",),
+    ),
+    Format(
         "VTK polygons", "surface", (".vtp",), MESH, "", "VTK", "tests' own text", "lines, points, data",
         triangles=f"{MESHES}.mesh_vtp:read_vtp", growth=60.0,
     ),

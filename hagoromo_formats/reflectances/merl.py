@@ -39,17 +39,31 @@ def read_merl(path: str | Path) -> ReflectanceTable:
         raise InputError(f"{path} is no table of MERL: it needs {BINS} bins of doubles in three colours, it has {bins}")
     require(8.0 * WORD * float(np.prod(BINS)), str(path))
     stored = np.memmap(path, "<f8", "r", HEAD, (3, *BINS))
-    half = np.r_[0:NEAR:STEP_NEAR, NEAR : BINS[0] : STEP_FAR]
-    difference, turn = np.arange(0, BINS[1], STEP_DIFFERENCE), np.arange(0, BINS[2], STEP_TURN)
-    places = np.meshgrid(half, difference, turn, indexing="ij")
-    values = np.asarray(stored[:, *places]).reshape(3, -1).T * SCALE
-    angles = ((places[0] + 0.5) / BINS[0]) ** 2 * np.pi / 2, (places[1] + 0.5) / BINS[1] * np.pi / 2
-    lamp, eye = directions(angles[0].ravel(), angles[1].ravel(), ((places[2] + 0.5) / BINS[2] * np.pi).ravel())
+    places = _places()
+    values = np.asarray(stored[:, *places]).T * SCALE
+    lamp, eye = sampled_directions()
     known = (values > 0.0).all(axis=1) & np.isfinite(values).all(axis=1)
     known &= (lamp[:, 2] > FARTHEST) & (eye[:, 2] > FARTHEST)  # bins below the horizon hold −1
     if not known.any():
         raise InputError(f"{path} has no value above 0: it is damaged, or no table of MERL")
     return ReflectanceTable(lamp[known], eye[known], values[known], channels=("R", "G", "B"))
+
+
+def sampled_directions() -> tuple[Array, Array]:
+    """Unit directions (N, 3) to lamp and eye of the bins that are read, also of those below the horizon."""
+    half, difference, turn = _places()
+    return directions(
+        ((half + 0.5) / BINS[0]) ** 2 * np.pi / 2,
+        (difference + 0.5) / BINS[1] * np.pi / 2,
+        (turn + 0.5) / BINS[2] * np.pi,
+    )
+
+
+def _places() -> list[NDArray[np.intp]]:
+    """Bins (N,) of θ_h, θ_d and φ_d that are read."""
+    half = np.r_[0:NEAR:STEP_NEAR, NEAR : BINS[0] : STEP_FAR]
+    difference, turn = np.arange(0, BINS[1], STEP_DIFFERENCE), np.arange(0, BINS[2], STEP_TURN)
+    return [place.ravel() for place in np.meshgrid(half, difference, turn, indexing="ij")]
 
 
 def directions(half: Array, difference: Array, turn: Array) -> tuple[Array, Array]:

@@ -92,6 +92,61 @@ def test_a_table_of_merl_gives_its_material(tmp_path, capsys):
         read_merl(tmp_path / "cut.binary")
 
 
+def rgl_file(path, spectra: str) -> None:
+    """A table of RGL of `brdf`: its facets are taken as even, so that its grid is that of half angles alone."""
+    angles, side = np.linspace(0.0, np.radians(85.0), 96), 96
+    polar, turn = np.linspace(0.0, 1.0, side) ** 2 * np.pi / 2, np.linspace(-np.pi, np.pi, side)
+    lamp = np.stack([np.sin(angles), 0.0 * angles, np.cos(angles)], 1)[:, None, None]
+    half = np.stack(
+        [
+            np.sin(polar) * np.cos(turn)[:, None],
+            np.sin(polar) * np.sin(turn)[:, None],
+            np.cos(polar) + 0.0 * turn[:, None],
+        ],
+        -1,
+    )
+    lamp, half = (vectors.reshape(-1, 3) for vectors in np.broadcast_arrays(lamp, half))
+    eye = 2.0 * np.einsum("ni,ni->n", lamp, half)[:, None] * half - lamp
+    values = np.zeros((len(lamp), 3), np.float32)
+    above = (lamp[:, 2] > 1e-3) & (eye[:, 2] > 1e-3)
+    values[above] = brdf(lamp[above], eye[above]) * eye[above, 2:]
+    even = np.ones((1, angles.size, side, side), np.float32)
+    table = values.reshape(1, angles.size, side, side, 3).transpose(0, 1, 4, 2, 3)
+    fields = {
+        "description": np.frombuffer(b"paint", np.uint8), "phi_i": np.zeros(1, np.float32),
+        "theta_i": angles.astype(np.float32), "ndf": even[0, 0], "sigma": even[0, 0], "vndf": even,
+        "luminance": even, spectra: table, "jacobian": np.zeros(1, np.uint8),
+    }  # fmt: skip
+    if spectra == "spectra":
+        fields["wavelengths"] = np.array([420.0, 560.0, 700.0], np.float32)
+    place = 18 + sum(13 + len(name) + 8 * array.ndim for name, array in fields.items())
+    head, body = b"tensor_file\0\1\0" + len(fields).to_bytes(4, "little"), b""
+    for name, array in fields.items():
+        kind = {np.dtype(np.uint8): 1, np.dtype(np.float32): 10}[array.dtype]
+        head += len(name).to_bytes(2, "little") + name.encode() + array.ndim.to_bytes(2, "little") + bytes([kind])
+        head += np.array([place + len(body), *array.shape], "<u8").tobytes()
+        body += array.tobytes()
+    path.write_bytes(head + body)
+
+
+@pytest.mark.parametrize("spectra", ["spectra", "rgb"])
+def test_a_table_of_rgl_gives_its_material(tmp_path, spectra):
+    """Values on a grid as fine as those of the published tables; between its places Mitsuba interpolates."""
+    path = tmp_path / "paint.bsdf"
+    rgl_file(path, spectra)
+    assert format_of(path).name == "RGL BRDF"
+    table = format_of(path).read(path)
+    assert table.channels == (("420 nm", "560 nm", "700 nm") if spectra == "spectra" else ("R", "G", "B"))
+    expected = brdf(table.to_lamp, table.to_eye)
+    assert np.median(np.abs(table.values / expected - 1.0)) < 2e-3
+    material = table.with_relative_error(0.01).fit()
+    for name, true in TRUE.items():
+        assert getattr(material, name) == pytest.approx(true, rel=0.01), name
+    path.write_bytes(path.read_bytes()[:-400_000])
+    with pytest.raises(hg.InputError, match="no table of RGL, or damaged"):
+        format_of(path).read(path)
+
+
 @pytest.mark.parametrize(
     ("change", "said"),
     [
