@@ -36,14 +36,11 @@ from .photograph.photograph import Photograph as Photograph
 from .photograph.rig import Rig as Rig
 from .photograph.development.exposure import StatedExposure as StatedExposure, read_exposure as read_exposure
 from .photograph.development.development import CalibrationFrames as CalibrationFrames, Development as Development
-from .photograph.development.develop_exposures import develop_exposures as develop_exposures
 from .photograph.development.develop import develop as develop
-from .photograph.gather import gather as gather
 from .photograph.lamp_files import load_lamps as load_lamps, write_lp as write_lp
 from .photograph.developing import Developing as Developing
-from .photograph.session import Session as Session, session as session
+from .photograph.capture_folder import Captured as Captured
 from .photograph.lit_photographs import capture as capture
-from .photograph.capture_to import Captured as Captured, capture_to as capture_to
 from .photograph.capture import Capture as Capture, load_capture as load_capture, save_capture as save_capture
 
 # Calibration

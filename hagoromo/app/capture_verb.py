@@ -16,6 +16,8 @@ from hagoromo.app.sensor_options import AS_STATED, Sensor, SensorOptions
 from hagoromo.app.verb import Force, Out, say, verb, verbs, wrote
 from hagoromo.errors import InputError
 from hagoromo.files.whole import replaceable_folder
+from hagoromo.photograph.capture_folder import write_capture
+from hagoromo.photograph.session import session
 
 if TYPE_CHECKING:
     import numpy as np
@@ -82,7 +84,7 @@ def capture(
     shown = _on_balls(photographs, ball, radius, camera, sensor) if ball else None
     known = lamps if shown is None else shown.found.lamps
     assert known is not None
-    asked = hg.session(
+    asked = session(
         photographs, known, camera, response, mask, spectrum=spectrum, intensity=intensity or None,
         undistorted=undistorted, excluded=None if shown is None else shown.covered,
         developing=developing,
@@ -92,7 +94,7 @@ def capture(
         asked.assumptions["lamps"] = f"{len(asked.lamps)} from {len(shown.found.balls)} chrome balls {how}"
         asked.pictures |= {"balls.png": shown.picture, "ball_mask.png": shown.covered.astype("uint8") * 255}
     with progress_bar("capture") as progress:
-        written = hg.capture_to(asked, out, force, progress)
+        written = write_capture(asked, out, force, progress)
     for remark in written.remarks:
         warnings.warn(remark, stacklevel=2)
     for name, lamp in written.lamps.items():

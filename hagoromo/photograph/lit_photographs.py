@@ -1,13 +1,11 @@
-"""Capture of photographs, in memory: one view under one lamp each, with their camera, response and masks → Capture.
-
-`capture_to` writes each photograph to a folder instead, in the memory of one.
-"""
+"""Capture of photographs: one view under one lamp each, with camera, response and masks → Capture, or its folder."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import overload
 
 from hagoromo.camera.camera import Camera
 from hagoromo.camera.response import Response
@@ -15,12 +13,48 @@ from hagoromo.files.memory import require
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.photograph.capture import BYTES_PER_VALUE, Capture
+from hagoromo.photograph.capture_folder import Captured, write_capture
 from hagoromo.photograph.developing import AS_IN_THE_FILES, Developing
 from hagoromo.photograph.development.transfer import Transfer
 from hagoromo.photograph.object_mask import Thumbnails
-from hagoromo.photograph.session import Masks, session
+from hagoromo.photograph.session import Masks, Session, session
+from hagoromo.progress import Progress, silent
 
 
+@overload
+def capture(
+    photographs: Sequence[str | Path],
+    lamps: str | Path | Sequence[Lamp],
+    camera: Camera | str | Path | None = ...,
+    response: Response | str | Path | None = ...,
+    masks: Masks = ...,
+    *,
+    spectrum: Spectrum | str | Path | None = ...,
+    intensity: float | Sequence[float] | None = ...,
+    undistorted: bool = ...,
+    transfer: str | Path | Transfer | None = ...,
+    name: str = ...,
+    developing: Developing = ...,
+    out: None = None,
+) -> Capture: ...
+@overload
+def capture(
+    photographs: Sequence[str | Path],
+    lamps: str | Path | Sequence[Lamp],
+    camera: Camera | str | Path | None = ...,
+    response: Response | str | Path | None = ...,
+    masks: Masks = ...,
+    *,
+    spectrum: Spectrum | str | Path | None = ...,
+    intensity: float | Sequence[float] | None = ...,
+    undistorted: bool = ...,
+    transfer: str | Path | Transfer | None = ...,
+    name: str = ...,
+    developing: Developing = ...,
+    out: str | Path,
+    force: bool = ...,
+    progress: Progress = ...,
+) -> Captured: ...
 def capture(
     photographs: Sequence[str | Path],
     lamps: str | Path | Sequence[Lamp],
@@ -34,8 +68,11 @@ def capture(
     transfer: str | Path | Transfer | None = None,
     name: str = "",
     developing: Developing = AS_IN_THE_FILES,
-) -> Capture:
-    """The capture of photographs that one camera took from one place, with one lamp on in each.
+    out: str | Path | None = None,
+    force: bool = False,
+    progress: Progress = silent,
+) -> Capture | Captured:
+    """The capture of photographs that one camera took from one place, with one lamp on in each, in memory or a folder.
 
     photographs: RAW, TIFF, JPEG or PNG as the camera left them, or EXR files of `develop`. lamps: lamps.json, an .lp,
     or `Lamp`s. A photograph is assigned the lamp with the name of its file (without suffix); if no name matches, lamps
@@ -47,10 +84,12 @@ def capture(
     is none and grey where it says nothing. spectrum: of all lamps (a name or CSV), if lamps.json has none. intensity:
     of all lamps, instead of that in lamps.json: one number, or one per channel. undistorted: the photographs have no
     lens distortion although their files do not state it. transfer: of 8-bit files; see `Developing`, as developing.
+    name: of a capture in memory. out: folder to write to, whole or not at all, in the memory of one photograph: `force`
+    replaces it; then the answer says what was written.
 
     `InputError` if the numbers or names of photographs, lamps and masks differ, sizes differ from the camera's, the
-    EXIF of the files contradict each other, only some of the photographs are undistorted, or the lamps are behind the
-    object.
+    EXIF of the files contradict each other, only some of the photographs are undistorted, the lamps are behind the
+    object, or `out` exists without `force`.
     """
     if transfer is not None:
         developing = replace(developing, transfer=transfer)
@@ -58,6 +97,10 @@ def capture(
         photographs, lamps, camera, response, masks, spectrum=spectrum, intensity=intensity, undistorted=undistorted,
         developing=developing,
     )  # fmt: skip
+    return _in_memory(asked, name) if out is None else write_capture(asked, out, force, progress)
+
+
+def _in_memory(asked: Session, name: str) -> Capture:
     taken, seen = [], Thumbnails()
     for number, shot in enumerate(asked.shots()):
         if not taken:

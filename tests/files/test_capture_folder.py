@@ -27,7 +27,7 @@ def session(tmp_path_factory):
     for k, seconds in enumerate((0.1, 0.2, 0.2)):
         write_dng(home / f"{k}.dng", numbers(light, seconds, 20 + k), seconds)
     files = [home / f"{k}.dng" for k in range(3)]
-    hg.capture_to(hg.session(files, LAMPS, developing=KNOWN), home / "capture")
+    hg.capture(files, LAMPS, developing=KNOWN, out=home / "capture")
     return files, light / SENSOR.gain / (int(FULL) - SENSOR.black_level), home / "capture"
 
 
@@ -126,9 +126,8 @@ def test_memory_does_not_grow_with_the_photographs(tmp_path):
         files = [tmp_path / f"{k}.png" for k in range(count)]
         gc.collect()
         tracemalloc.start()
-        hg.capture_to(
-            hg.session(files, lamps[:count], masks="auto", developing=KNOWN), tmp_path / "capture", force=True
-        )
+        out = tmp_path / "capture"
+        hg.capture(files, lamps[:count], masks="auto", developing=KNOWN, out=out, force=True)
         peaks[count].append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
     assert min(peaks[9]) < 1.03 * min(peaks[3])
@@ -137,7 +136,7 @@ def test_memory_does_not_grow_with_the_photographs(tmp_path):
 def test_an_orthographic_capture_needs_no_focal_length(tmp_path):
     for k in range(3):
         write_png(tmp_path / f"{k}.png", np.full((20, 30, 3), 900 + k, np.uint16))
-    hg.capture_to(hg.session([tmp_path / f"{k}.png" for k in range(3)], LAMPS), tmp_path / "capture")
+    hg.capture([tmp_path / f"{k}.png" for k in range(3)], LAMPS, out=tmp_path / "capture")
     record = json.loads((tmp_path / "capture" / "transforms.json").read_text())
     assert record["camera_model"] == "ORTHOGRAPHIC" and "orthographic" in record["assumptions"]["camera"]
     first = hg.load_capture(tmp_path / "capture").photographs[0].camera
@@ -157,7 +156,7 @@ def test_the_distortion_of_the_lens_is_removed_as_develop_removes_it(session, tm
     height, width = light.shape[:2]
     lens = hg.Camera(width, height, (300.0, 301.0), (0.5 * width + 2.0, 0.5 * height), (-0.2, 0.1, 1e-3, 0.0, 0.0))
     lamps = [hg.Lamp(to_lamp=(0.1 * k, 0.2, -1.0), name=f"{k}.dng") for k in range(3)]
-    hg.capture_to(hg.session(files, lamps, lens, developing=KNOWN), tmp_path / "capture")
+    hg.capture(files, lamps, lens, developing=KNOWN, out=tmp_path / "capture")
     capture = hg.load_capture(tmp_path / "capture")
     stored = capture.photographs[1]
     developed = hg.develop(files[1], gain=SENSOR.gain, read_noise=SENSOR.read_noise, undistort=lens)

@@ -7,6 +7,7 @@ import hagoromo as hg
 from hagoromo.files.png import write_png
 from hagoromo.photograph.development.exposure import StatedExposure
 from hagoromo.photograph.one_exposure import read_frame
+from hagoromo.photograph.session import session
 from tests.inverse.simulated_bracket import FULL, HEIGHT, SENSOR, WIDTH, numbers, scene
 from tests.inverse.test_exponent import lamps
 
@@ -50,7 +51,7 @@ def test_dark_and_flat_frames_leave_the_light_and_its_noise(frames):
     variance is 30 and more. The variance of the photograph is that of the curve at value · share.
     """
     asked = stated(frames, darks=frames["darks"], dark_exposures_s=DARK_TIMES, flats=frames["flats"])
-    hg.capture_to(hg.session(frames["photographs"], LAMPS, developing=asked), frames["home"] / "capture")
+    hg.capture(frames["photographs"], LAMPS, developing=asked, out=frames["home"] / "capture")
     capture, light = hg.load_capture(frames["home"] / "capture"), frames["light"]
     scales = []
     for shot in capture.photographs:
@@ -74,7 +75,7 @@ def test_frames_that_do_not_belong_are_refused(frames, tmp_path):
         ("state transfer estimate", {"bracket": frames["flats"]}),
     ]:
         with pytest.raises(hg.InputError, match=said):
-            list(hg.session(frames["photographs"], LAMPS, developing=stated(frames, **asked)).shots())
+            list(session(frames["photographs"], LAMPS, developing=stated(frames, **asked)).shots())
 
 
 def test_a_mosaic_that_is_not_stated_is_noticed_and_none_is_known(frames):
@@ -111,7 +112,7 @@ def write(folder, pictures, name="photograph"):
 def develop_with(paths, **asked):
     """The assumed transfer and the values of the photographs."""
     lit = [hg.Lamp(to_lamp=to) for to in TO_LAMP[: len(paths)]]
-    asked = hg.session(paths, lit, developing=hg.Developing(transfer="estimate", gain=100.0, read_noise=1.0, **asked))
+    asked = session(paths, lit, developing=hg.Developing(transfer="estimate", gain=100.0, read_noise=1.0, **asked))
     values = [shot.values for shot in asked.shots()]
     return asked.assumptions["transfer"], np.stack(values)
 

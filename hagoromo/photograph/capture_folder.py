@@ -37,8 +37,8 @@ LARGEST_HALF = 6e4
 
 @dataclass(frozen=True)
 class Captured:
-    """What `capture_to` wrote. lamps: name of each photograph → that of its lamp. assumptions: what is taken for given,
-    and from where. remarks: what a person should look at.
+    """What `capture` wrote to a folder. lamps: name of each photograph → that of its lamp. assumptions: what is taken
+    for given, and from where. remarks: what a person should look at.
     """
 
     folder: Path
@@ -47,7 +47,7 @@ class Captured:
     remarks: tuple[str, ...]
 
 
-def capture_to(asked: Session, out: str | Path, force: bool = False, progress: Progress = silent) -> Captured:
+def write_capture(asked: Session, out: str | Path, force: bool = False, progress: Progress = silent) -> Captured:
     """Write the photographs of a session to the capture folder `out`, whole or not at all.
 
     The object's mask is masks/object.png, for all photographs: it may be corrected by hand afterwards. `InputError` as
