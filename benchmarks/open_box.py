@@ -36,10 +36,10 @@ import hagoromo as hg
 from hagoromo.backend import arrays
 from hagoromo.backend import name as backend_name
 from hagoromo.image.preview import Preview
+from hagoromo.volume.box_header import BoxHeader
 from hagoromo.volume.store.box_store import look_at_box
 from hagoromo.volume.store.build_store import build_box
 from hagoromo.volume.store.field_blocks import FieldBlocks
-from hagoromo.volume.store.header import BoxHeader
 from hagoromo.volume.store.plan import BoxPlan
 from hagoromo.volume.store.zarr_blocks import THREADS
 from hagoromo_matter.noise import random

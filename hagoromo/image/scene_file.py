@@ -66,7 +66,8 @@ from hagoromo.photograph.transforms import LampRecord, SensorRecord, lamp_from_r
 from hagoromo.progress import Progress, silent
 from hagoromo.reflectance.material.material_table import MATERIAL, reflectance_from_table
 from hagoromo.transport.path.optics import KINDS
-from hagoromo.volume.box import Extinction, VolumeBox
+from hagoromo.volume.box import VolumeBox
+from hagoromo.volume.box_header import Extinction
 from hagoromo.volume.bricks import Bricks, Grid
 from hagoromo.volume.store.box_store import holds_shell, load_box, stored_bricks
 from hagoromo.volume.store.header import EXTINCTION
@@ -231,7 +232,7 @@ def load_for_picture(
         box = open_box(place)
         without_voxels = Bricks(box.source.shape, box.places, Grid(None, 0, 0), Grid(None, 0, 0))
         opened[id(without_voxels)] = box
-        return box.header.box(without_voxels)
+        return VolumeBox.of(box.header, without_voxels)
 
     read = readers(progress)._replace(box=load)
     scene, stated = scene_from_tables(read_toml(path), Path(path).parent, path, read)

@@ -14,8 +14,8 @@ from hagoromo.backend import arrays, clip
 from hagoromo.errors import InputError
 from hagoromo.matter.shape import Shape, coverage
 from hagoromo.reflectance.reflectance import Reflectance
+from hagoromo.volume.box_header import BoxHeader
 from hagoromo.volume.store.field_blocks import FieldBlocks
-from hagoromo.volume.store.header import BoxHeader
 from hagoromo.volume.store.plan import BoxPlan
 
 MM = 1e-3  # m

@@ -12,7 +12,7 @@ from hagoromo.matter.fill import Fineness
 from hagoromo.reflectance.element import Element
 from hagoromo.reflectance.material.material_table import MATERIAL, reflectance_from_table
 from hagoromo.reflectance.reflectance import Reflectance
-from hagoromo.volume.box import Extinction
+from hagoromo.volume.box_header import Extinction
 from hagoromo.volume.store.header import EXTINCTION
 from hagoromo.volume.store.plan import BoxPlan
 

@@ -13,7 +13,7 @@ from hagoromo.errors import InputError
 from hagoromo.files.record import Pair, Positive, about
 from hagoromo.matter.fill import MM
 from hagoromo.matter.recipe import Kind, MeanFreePath, Recipe, RecipeTable
-from hagoromo.volume.store.header import BoxHeader
+from hagoromo.volume.box_header import BoxHeader
 from hagoromo.volume.store.plan import BoxPlan
 from hagoromo.volume.store.zarr_plan import ZarrVolume
 

@@ -3,29 +3,34 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from html import escape
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any
 
 import numpy as np
 
 from hagoromo.backend import arrays
 from hagoromo.camera.camera import rigid_pose
 from hagoromo.errors import InputError
-from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.reflectance import Reflectance
+from hagoromo.volume.box_header import EXTINCTIONS, BoxHeader
 from hagoromo.volume.bricks import MATERIALS, Bricks
-from hagoromo.volume.texel import ALL_PARTS, Texel
+from hagoromo.volume.texel import ALL_PARTS
 
-Extinction = Literal["isotropic", "projected"]
-EXTINCTIONS: tuple[Extinction, ...] = get_args(Extinction)
 Field = Callable[[Any], tuple[Any, ...]]
 
 
 @dataclass(frozen=True, eq=False)
-class VolumeBox:
+class _Bricks:
+    """The first field of a volume box."""
+
+    bricks: Bricks
+
+
+@dataclass(frozen=True, eq=False)
+class VolumeBox(BoxHeader, _Bricks):
     """A volume box: `bricks` of edge-to-edge voxels [m], in its own axes from 0 to shape · voxel_size.
 
     pose: box to world, (4, 4), rigid. tau: extinction per unit of density [1/m]. materials: one Reflectance
@@ -44,19 +49,6 @@ class VolumeBox:
     >>> np.round(box.size, 6).tolist()  # (x, y, z) [m]
     [0.07, 0.05, 0.03]
     """
-
-    bricks: Bricks
-    voxel_size: float
-    tau: float
-    materials: tuple[Reflectance, ...]
-    pose: np.ndarray = field(default_factory=lambda: np.eye(4))
-    basis: tuple[Spectrum, ...] = ()
-    name: str = ""
-    provenance: dict[str, Any] = field(default_factory=dict)
-    texel: Texel | None = None
-    band: tuple[float, float] = (0.0, 1.0)
-    shadow_bias: float = 0.0
-    extinction: Extinction = "isotropic"
 
     def __post_init__(self) -> None:
         for key in ("voxel_size", "tau"):
@@ -173,6 +165,16 @@ class VolumeBox:
 
         bricks = bricks_from_field(voxels, (nz, ny, nx), may if occupied else None)
         return cls(bricks, float(voxel_size), float(tau), tuple(materials), **record)
+
+    @classmethod
+    def of(cls, header: BoxHeader, bricks: Bricks) -> VolumeBox:
+        """The volume box of a header and `bricks`."""
+        return cls(bricks, **vars(header))
+
+    @property
+    def header(self) -> BoxHeader:
+        """All of it but its bricks."""
+        return BoxHeader(**{field.name: getattr(self, field.name) for field in fields(BoxHeader)})
 
     @property
     def size(self) -> np.ndarray:

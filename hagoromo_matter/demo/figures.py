@@ -15,7 +15,8 @@ from hagoromo.light.spectrum import Spectrum
 from hagoromo.matter.kept_box import kept_box
 from hagoromo.progress import Progress
 from hagoromo.reflectance.reflectance import Reflectance
-from hagoromo.volume.box import Extinction, VolumeBox
+from hagoromo.volume.box import VolumeBox
+from hagoromo.volume.box_header import Extinction
 from hagoromo_matter.demo.studio import background, ball_around, framed, studio_lamps, turned_upright
 from hagoromo_matter.figure.figure import PART_MATERIALS, figure_part
 from hagoromo_matter.figure.tresses import HAIR_COLOUR

@@ -14,7 +14,7 @@ from hagoromo.errors import InputError
 from hagoromo.matter.fill import MM, Fineness, blocks_in
 from hagoromo.matter.shape import Shape
 from hagoromo.reflectance.reflectance import Reflectance
-from hagoromo.volume.store.header import BoxHeader
+from hagoromo.volume.box_header import BoxHeader
 from hagoromo.volume.store.plan import BoxPlan
 from hagoromo_matter.feather.check import check_feather
 from hagoromo_matter.feather.kinds import FEATHERS

@@ -10,7 +10,7 @@ from dataclasses import replace
 from hagoromo.errors import InputError
 from hagoromo.reflectance.element import Element
 from hagoromo.reflectance.reflectance import Reflectance
-from hagoromo.volume.box import Extinction
+from hagoromo.volume.box_header import Extinction
 from hagoromo.volume.store.plan import BoxPlan
 from hagoromo_matter.feather.wing import wing_of
 from hagoromo_matter.figure.figure_skin import SKIN_PLACES, figure_skin

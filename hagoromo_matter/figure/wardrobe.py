@@ -11,7 +11,7 @@ import numpy as np
 from hagoromo.errors import InputError
 from hagoromo.files.cache import cache
 from hagoromo.reflectance.reflectance import Reflectance
-from hagoromo.volume.box import Extinction
+from hagoromo.volume.box_header import Extinction
 from hagoromo.volume.store.plan import BoxPlan
 from hagoromo.volume.texel import Texel
 from hagoromo_matter.cloth.draft import plain, twill

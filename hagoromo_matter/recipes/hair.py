@@ -15,7 +15,7 @@ from hagoromo.errors import InputError
 from hagoromo.files.record import Positive, Record, Vector, about, decode, extended, like, one_of
 from hagoromo.matter.fill import MM, Fineness
 from hagoromo.matter.recipe import Kind, Recipe, RecipeTable, Voxel
-from hagoromo.volume.store.header import BoxHeader
+from hagoromo.volume.box_header import BoxHeader
 from hagoromo.volume.store.plan import BoxPlan
 from hagoromo_matter.hair.fibres import Curves, fibre_blocks, one_fibre
 from hagoromo_matter.hair.growth import Growth, grown

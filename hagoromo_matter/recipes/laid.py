@@ -24,7 +24,7 @@ from hagoromo.matter.fill import MM, blocks_in
 from hagoromo.matter.recipe import Recipe, RecipeTable
 from hagoromo.matter.shape import coverage, rounded_box
 from hagoromo.reflectance.reflectance import Reflectance
-from hagoromo.volume.store.header import BoxHeader
+from hagoromo.volume.box_header import BoxHeader
 from hagoromo.volume.store.plan import BoxPlan
 from hagoromo_matter.cloth.fabric import Fabric
 from hagoromo_matter.drape.drape import over_ball, over_body

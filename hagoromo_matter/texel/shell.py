@@ -12,8 +12,7 @@ from hagoromo.matter.fill import MM, blocks_in
 from hagoromo.matter.shape import Shape
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.transport.chart import chart_words
-from hagoromo.volume.box import Extinction
-from hagoromo.volume.store.header import BoxHeader
+from hagoromo.volume.box_header import BoxHeader, Extinction
 from hagoromo.volume.store.plan import BoxPlan
 from hagoromo.volume.texel import Texel
 from hagoromo_matter.texel.texel_match import matched

@@ -23,7 +23,7 @@ from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.transport.chart import SurfacePoint
 from hagoromo.transport.medium import NEGLIGIBLE_OPTICAL_DEPTH
 from hagoromo.transport.textures import STEPS_PER_CELL
-from hagoromo.volume.box import Extinction
+from hagoromo.volume.box_header import Extinction
 from hagoromo.volume.texel import LEAST_FACTOR, Level, Texel, table_directions, unscaled
 from hagoromo_matter.texel.layer import LAMP_DISTANCE_M, Layer
 from hagoromo_matter.texel.layer_light import MatterPoints, light_of_pairs, parts_of, vectors, weights_of

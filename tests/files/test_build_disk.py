@@ -13,13 +13,13 @@ from hagoromo.errors import InputError
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.box import VolumeBox
+from hagoromo.volume.box_header import BoxHeader
 from hagoromo.volume.store import disk_budget, field_blocks
 from hagoromo.volume.store.box_group import BoxGroup
 from hagoromo.volume.store.box_store import load_box
 from hagoromo.volume.store.build_store import build_box
 from hagoromo.volume.store.disk_budget import check_disk, estimated_size, size_on_disk
 from hagoromo.volume.store.field_blocks import FieldBlocks
-from hagoromo.volume.store.header import BoxHeader
 from hagoromo.volume.store.plan import BoxPlan
 from hagoromo.volume.store.zarr_plan import ZarrVolume
 

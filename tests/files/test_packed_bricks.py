@@ -14,12 +14,12 @@ from hagoromo.errors import InputError
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.box import VolumeBox
+from hagoromo.volume.box_header import BoxHeader
 from hagoromo.volume.store import box_store as store
 from hagoromo.volume.store import build_store, packed_bricks
 from hagoromo.volume.store.box_store import load_box, save_box
 from hagoromo.volume.store.build_store import build_box
 from hagoromo.volume.store.field_blocks import FieldBlocks
-from hagoromo.volume.store.header import BoxHeader
 from hagoromo.volume.store.plan import BoxPlan
 
 GREY = Reflectance(0.2, 0.3, 0.2, 1.5, Spectrum.constant(0.8), name="grey")

@@ -27,7 +27,7 @@ from hagoromo.reflectance.element import ELEMENTS, element_weights, projected_ar
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.transport.medium import Medium
 from hagoromo.volume.box import VolumeBox
-from hagoromo.volume.store.header import header_from_record, header_of
+from hagoromo.volume.store.header import header_from_record, header_record
 from tests.oracle.radiance import radiance
 from tests.oracle.scenes import box_of, centres
 
@@ -278,9 +278,9 @@ def test_the_extinction_is_kept_in_files_and_must_be_known(tmp_path):
     box.save(tmp_path / "box.zarr")
     assert VolumeBox.load(tmp_path / "box.zarr").extinction == "projected"
     assert info(tmp_path / "box.zarr")["extinction"] == "projected"
-    record = header_of(box).record()
+    record = header_record(box)
     assert record.pop("extinction") == "projected" and header_from_record(record, "here").extinction == "isotropic"
-    assert "extinction" not in header_of(replace(box, extinction="isotropic")).record()
+    assert "extinction" not in header_record(replace(box, extinction="isotropic"))
     with pytest.raises(InputError, match="extinction is 'opaque': give one of isotropic, projected"):
         replace(box, extinction="opaque")
     text = """

@@ -23,7 +23,7 @@ from hagoromo.light.spectrum import Spectrum
 from hagoromo.matter.relief.relief import Relief, relief_plan
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.box import VolumeBox
-from hagoromo.volume.store.header import header_from_record, header_of
+from hagoromo.volume.store.header import header_from_record, header_record
 
 EVEN = Spectrum.named("E")
 EYE = Response.load("cie1931")
@@ -148,7 +148,7 @@ def test_another_eye_sees_the_same_surface():
 
 def test_a_shadow_bias_is_kept_in_files_and_must_be_a_length():
     box = stood("ball", "matte", COARSE)[2]
-    record = header_of(box).record()
+    record = header_record(box)
     assert header_from_record(record, "here").shadow_bias == box.shadow_bias > 0.0
     old = {"lift" if key == "shadow_bias" else key: value for key, value in record.items()}
     assert header_from_record(old, "here").shadow_bias == box.shadow_bias

@@ -23,7 +23,7 @@ from hagoromo.matter.shape import coverage
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.transport.march import optical_depth
 from hagoromo.transport.medium import Medium
-from hagoromo.volume.box import Extinction
+from hagoromo.volume.box_header import Extinction
 from hagoromo.volume.store.box_store import load_box, look_at_box, save_box
 from hagoromo.volume.texel import OLD_NUMBERS, Texel, table_directions
 from hagoromo_matter.texel.micro_structure import texel

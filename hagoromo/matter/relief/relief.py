@@ -18,8 +18,8 @@ from hagoromo.errors import InputError
 from hagoromo.light.spectrum import Spectrum, smooth_rgb_basis
 from hagoromo.matter.relief.relief_field import DEPTH, LEAST_SKIN_COSINE, SKIN_VOXELS, ReliefField, ReliefLattice
 from hagoromo.reflectance.reflectance import Reflectance
+from hagoromo.volume.box_header import BoxHeader
 from hagoromo.volume.store.field_blocks import FieldBlocks
-from hagoromo.volume.store.header import BoxHeader
 from hagoromo.volume.store.plan import BoxPlan
 
 SPIKE = 3.0  # voxels by which a single pixel may stand out towards the eye: spikes of the rim would throw shadows

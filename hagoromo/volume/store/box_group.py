@@ -18,9 +18,10 @@ import zarr
 from numpy.typing import NDArray
 
 from hagoromo.files.finite import check_finite, finite_json
+from hagoromo.volume.box_header import BoxHeader
 from hagoromo.volume.bricks import table_shape
 from hagoromo.volume.store.blocks import BLOCK_SIDE
-from hagoromo.volume.store.header import BoxHeader
+from hagoromo.volume.store.header import header_record
 from hagoromo.volume.store.seal import SEALED
 from hagoromo.volume.table import BLOCK
 
@@ -42,7 +43,7 @@ class BoxGroup:
         self.folder, self.shape = folder, shape
         self.group = zarr.open_group(folder, mode="r+" if begun else "a", zarr_format=3)
         if not begun:
-            self.group.attrs["hagoromo"] = json.loads(finite_json(header.record(), str(folder)))
+            self.group.attrs["hagoromo"] = json.loads(finite_json(header_record(header), str(folder)))
         self._arrays: dict[str, Any] = {"density": self._array("density", "float16")}
         self._arrays["axis"] = self._array("axis", "float16", 3)
         if colours:

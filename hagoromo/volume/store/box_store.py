@@ -13,10 +13,10 @@ from hagoromo.files.stores import is_file
 from hagoromo.files.whole import whole_folder
 from hagoromo.files.zarr_arrays import open_arrays
 from hagoromo.volume.box import VolumeBox
+from hagoromo.volume.box_header import BoxHeader
 from hagoromo.volume.bricks import Bricks, brick_bytes
 from hagoromo.volume.store.blocks import BLOCK_SIDE, OFFSETS, Block, block_of, low_part, runs
 from hagoromo.volume.store.box_group import BoxGroup
-from hagoromo.volume.store.header import BoxHeader, header_of
 from hagoromo.volume.store.open_box import OpenBox, open_box
 from hagoromo.volume.store.packed_bricks import read_packed, write_packed
 from hagoromo.volume.store.read_bricks import read_bricks
@@ -34,7 +34,7 @@ def save_box(box: VolumeBox, path: str | Path, force: bool = False) -> None:
         if box.texel:
             write_shell(box, folder)
             return
-        group = BoxGroup(folder, box.bricks.shape, header_of(box), colours, box.bricks.material is not None)
+        group = BoxGroup(folder, box.bricks.shape, box.header, colours, box.bricks.material is not None)
         for block, values in _blocks(box, colours):
             group.write(block, values)
         group.finish(box.bricks.places)
@@ -46,7 +46,7 @@ def load_box(path: str | Path) -> VolumeBox:
     if holds_shell(path):
         return read_shell(Path(path))
     box = open_box(path)
-    return box.header.box(stored_bricks(box))
+    return VolumeBox.of(box.header, stored_bricks(box))
 
 
 def stored_bricks(box: OpenBox, needed: NDArray[np.bool_] | None = None) -> Bricks:

@@ -1,8 +1,7 @@
-"""Header: all of a volume box but its voxels, and the same as a record of plain values."""
+"""Header as a record of plain values: all of a volume box but its voxels."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from typing import Annotated, Any
 
 import numpy as np
@@ -12,10 +11,8 @@ from hagoromo.camera.camera import rigid_pose
 from hagoromo.errors import InputError
 from hagoromo.files.record import Count, Matrix, Pair, Positive, Record, about, decode, like
 from hagoromo.light.spectrum import SOURCE, Spectrum
-from hagoromo.reflectance.reflectance import Reflectance, ReflectanceRecord, reflectance_from_record
-from hagoromo.volume.box import Extinction, VolumeBox
-from hagoromo.volume.bricks import Bricks
-from hagoromo.volume.texel import Texel
+from hagoromo.reflectance.reflectance import ReflectanceRecord, reflectance_from_record
+from hagoromo.volume.box_header import BoxHeader, Extinction
 
 FORMAT = 1
 MOST_LEVELS = 32  # of a texel
@@ -57,41 +54,16 @@ class BoxRecord(Record, frozen=True, kw_only=True):
     extinction: Annotated[Extinction, EXTINCTION] = "isotropic"
 
 
-@dataclass(frozen=True, eq=False)
-class BoxHeader:
-    """The fields of a `VolumeBox` but `bricks`."""
-
-    voxel_size: float
-    tau: float
-    materials: tuple[Reflectance, ...]
-    pose: np.ndarray = field(default_factory=lambda: np.eye(4))
-    basis: tuple[Spectrum, ...] = ()
-    name: str = ""
-    provenance: dict[str, Any] = field(default_factory=dict)
-    texel: Texel | None = None
-    band: tuple[float, float] = (0.0, 1.0)
-    shadow_bias: float = 0.0
-    extinction: Extinction = "isotropic"
-
-    def box(self, bricks: Bricks) -> VolumeBox:
-        """The volume box of this header and `bricks`."""
-        return VolumeBox(bricks, **vars(self))
-
-    def record(self) -> dict[str, Any]:
-        """Plain values, as the attribute `hagoromo` of a box on disk has them."""
-        chart = {"texel": self.texel.record(), "band": list(self.band)} if self.texel else {}
-        shadow_bias = {"shadow_bias": self.shadow_bias} if self.shadow_bias else {}
-        extinction = {"extinction": self.extinction} if self.extinction != "isotropic" else {}
-        return chart | shadow_bias | extinction | {
-            "format": FORMAT, "voxel_size": self.voxel_size, "tau": self.tau, "name": self.name,
-            "pose": self.pose.ravel().tolist(), "materials": [m.record() for m in self.materials],
-            "basis": [s.record() for s in self.basis], "provenance": self.provenance,
-        }  # fmt: skip
-
-
-def header_of(box: VolumeBox) -> BoxHeader:
-    """The header of a volume box."""
-    return BoxHeader(**{name: value for name, value in vars(box).items() if name in BoxHeader.__dataclass_fields__})
+def header_record(header: BoxHeader) -> dict[str, Any]:
+    """Plain values, as the attribute `hagoromo` of a box on disk has them."""
+    chart = {"texel": header.texel.record(), "band": list(header.band)} if header.texel else {}
+    shadow_bias = {"shadow_bias": header.shadow_bias} if header.shadow_bias else {}
+    extinction = {"extinction": header.extinction} if header.extinction != "isotropic" else {}
+    return chart | shadow_bias | extinction | {
+        "format": FORMAT, "voxel_size": header.voxel_size, "tau": header.tau, "name": header.name,
+        "pose": header.pose.ravel().tolist(), "materials": [m.record() for m in header.materials],
+        "basis": [s.record() for s in header.basis], "provenance": header.provenance,
+    }  # fmt: skip
 
 
 def header_from_record(record: Any, where: str) -> BoxHeader:

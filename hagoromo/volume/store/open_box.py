@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from hagoromo.errors import InputError
 from hagoromo.files.stores import is_file
 from hagoromo.files.zarr_arrays import ZarrArray, open_arrays
+from hagoromo.volume.box_header import BoxHeader
 from hagoromo.volume.bricks import table_shape
 from hagoromo.volume.store.blocks import BLOCK_SIDE, runs
-from hagoromo.volume.store.header import BoxHeader, header_from_record
+from hagoromo.volume.store.header import header_from_record
 from hagoromo.volume.store.read_bricks import occupied_places
 from hagoromo.volume.store.zarr_blocks import ZarrBlocks
 from hagoromo.volume.table import BLOCK, in_table_order

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
-from hagoromo.volume.box import Extinction, VolumeBox
+from hagoromo.volume.box import VolumeBox
+from hagoromo.volume.box_header import BoxHeader, Extinction
 from hagoromo.volume.bricks import Bricks
 from hagoromo.volume.store.blocks import Block
-from hagoromo.volume.store.header import BoxHeader
 
 
 class Blocks(Protocol):
@@ -52,7 +52,7 @@ class BoxPlan:
 
     def box(self) -> VolumeBox:
         """The box, built in memory."""
-        return self.header.box(self.blocks.bricks(len(self.header.materials)))
+        return VolumeBox.of(self.header, self.blocks.bricks(len(self.header.materials)))
 
     def named(self, name: str, provenance: dict[str, Any]) -> BoxPlan:
         """The same plan under another name (as it is where that is empty) and of another provenance."""

@@ -25,9 +25,10 @@ from hagoromo.files.reading import reading
 from hagoromo.files.record import decode
 from hagoromo.files.zarr_arrays import ZarrArray, open_arrays
 from hagoromo.volume.box import VolumeBox
+from hagoromo.volume.box_header import BoxHeader
 from hagoromo.volume.bricks import Shape, brick_bytes, check_shape, table_shape
 from hagoromo.volume.store.brick_writer import BrickWriter
-from hagoromo.volume.store.header import BoxHeader, BoxRecord, TexelRecord, header_from_record, header_of
+from hagoromo.volume.store.header import BoxRecord, TexelRecord, header_from_record, header_record
 from hagoromo.volume.store.seal import SEALED
 from hagoromo.volume.table import in_table_order
 from hagoromo.volume.texel import ALL_PARTS, DIRECTIONS, OLD_NUMBERS, REFLECTED, Level, Texel, scale_from_numbers
@@ -43,7 +44,7 @@ def write_shell(box: VolumeBox, folder: Path) -> None:
     """Write the shell `box` into an empty folder."""
     assert box.texel is not None
     group = zarr.open_group(folder, mode="w", zarr_format=3)
-    group.attrs["hagoromo"] = json.loads(finite_json(header_of(box).record(), str(folder)))
+    group.attrs["hagoromo"] = json.loads(finite_json(header_record(box), str(folder)))
     group.attrs["shape"] = list(box.bricks.shape)
     total = max(box.bricks.kept, 1)
     made: dict[str, Any] = {
@@ -107,7 +108,7 @@ def read_shell(folder: Path) -> VolumeBox:
     for k, level in enumerate(levels):
         if (level.nodes[1] - 1) % texel.variants or min(level.nodes) < 2 or level.nodes[1] <= texel.variants:
             raise InputError(f"{folder}/texel/{k}: {level.nodes} nodes do not hold {texel.variants} variants")
-    return replace(header, texel=texel).box(writer.bricks())
+    return VolumeBox.of(replace(header, texel=texel), writer.bricks())
 
 
 def _opened(folder: Path) -> tuple[Any, Shape, TexelRecord, dict[str, ZarrArray]]:

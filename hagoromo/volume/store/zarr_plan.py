@@ -15,10 +15,10 @@ from hagoromo.files.volume_file import SAME_EDGE, read_volume, resampled
 from hagoromo.files.zarr_arrays import ZarrArray, open_array
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.box import VolumeBox
+from hagoromo.volume.box_header import BoxHeader
 from hagoromo.volume.bricks import Bricks
 from hagoromo.volume.store.array_source import ArraySource, Windowed, check_explained
 from hagoromo.volume.store.blocks import BLOCK_SIDE, Block
-from hagoromo.volume.store.header import BoxHeader
 from hagoromo.volume.store.plan import BoxPlan
 from hagoromo.volume.store.read_bricks import occupied_places, read_bricks
 from hagoromo.volume.store.zarr_blocks import ZarrBlocks
