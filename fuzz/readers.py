@@ -63,7 +63,7 @@ def _info(path: Path) -> Any:
 
 def _plan(path: Path) -> Any:
     """The plan of a recipe."""
-    from hagoromo.matter.build import planned
+    from hagoromo.matter.planned import planned
 
     return planned(path)
 
@@ -71,7 +71,7 @@ def _plan(path: Path) -> Any:
 def _tables(path: Path) -> Any:
     """The tables of a recipe and its material, without the plan, which takes long."""
     from hagoromo.files.record import decode, read_toml
-    from hagoromo.matter.build import _OfKind
+    from hagoromo.matter.planned import _OfKind
     from hagoromo.matter.recipe import Recipe
     from hagoromo.matter.registry import kind_names, kind_of
 

@@ -10,6 +10,7 @@ import signal
 import sys
 
 from hagoromo_start.caches import find_caches
+from hagoromo_start.stopping_signals import stopping_signals
 
 LEAST_MEMORY, PER_CORE = 600 * 2**20, 72 * 2**20  # bytes of addresses: of libraries, and of a thread of each of them
 
@@ -45,12 +46,6 @@ def _wrong_number() -> str:
         if NUMBERS.fullmatch(name) and not re.fullmatch(r"[0-9]{1,18}" + unit, value):
             return f"hagoromo: {name} is {value[:40]!r} in the environment: give a whole number, or unset it"
     return ""
-
-
-def stopping_signals() -> list[signal.Signals]:
-    """The signals that ask a process to end, as far as the system has them."""
-    names = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
-    return [getattr(signal, name) for name in names if hasattr(signal, name)]
 
 
 def _stop(number: int, _frame: object) -> None:

@@ -16,7 +16,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-from hagoromo_start import stopping_signals
+from hagoromo_start.stopping_signals import stopping_signals
 
 STATUS_OF_SIGNALS = 128  # exit status of a process that a signal ended, without the number of the signal
 AGAIN_S = 0.02  # between two attempts to raise

@@ -1,9 +1,8 @@
-"""Settings: how a scene is rendered, and the scene and settings of a call."""
+"""Settings: how a scene is rendered."""
 
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
 from hagoromo import __version__
@@ -73,16 +72,6 @@ class Settings:
             raise InputError(f"seconds is {self.seconds}: give a time above 0 and up to {LONGEST:g} s")
         if self.shadow_resolution is not None and not 2 <= self.shadow_resolution <= FINEST_SHADOWS:
             raise InputError(f"shadow_resolution is {self.shadow_resolution}: give 2 to {FINEST_SHADOWS} texels")
-
-
-def scene_and_settings(scene: Scene | str | Path, settings: Settings | None = None) -> tuple[Scene, Settings]:
-    """The scene, loaded where `scene` is the path of a TOML file; `settings`, else the file's, else the defaults."""
-    if isinstance(scene, Scene):
-        return scene, settings or Settings()
-    from hagoromo.image.scene_file import load_scene  # only a file needs the readers of boxes, cameras and recipes
-
-    loaded, stated = load_scene(scene)
-    return loaded, settings or stated
 
 
 def check_mode(settings: Settings, mode: Mode) -> None:

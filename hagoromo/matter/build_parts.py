@@ -13,7 +13,7 @@ from typing import Any
 from hagoromo.cluster.cluster import workers_of
 from hagoromo.errors import InputError
 from hagoromo.files.content import content_with_named
-from hagoromo.matter.build import planned
+from hagoromo.matter.planned import planned
 from hagoromo.matter.shipped import recipe_place
 from hagoromo.progress import Progress
 from hagoromo.volume.store.build_store import Bricks, build_box, group_of, write_part

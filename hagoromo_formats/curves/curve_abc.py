@@ -15,7 +15,7 @@ from hagoromo.files.library import library
 from hagoromo.files.memory import require
 from hagoromo.files.reading import reading
 from hagoromo_formats.curves.control_points import evaluated, joined
-from hagoromo_formats.curves.curve_file import Polylines, of_arrays
+from hagoromo_formats.curves.polylines import Polylines, of_arrays
 from hagoromo_formats.meshes.mesh_abc import BYTES_PER_NUMBER, MOST_OBJECTS, placed_objects
 
 BASES = {"kBezierBasis": "bezier", "kBsplineBasis": "bspline", "kCatmullromBasis": "catmullRom"}

@@ -2,35 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
 from hagoromo.files.checks import read_bytes, sized_file
 from hagoromo.files.gltf import SUFFIXES as GLTF
 from hagoromo.files.memory import require
 from hagoromo.files.reading import reading
+from hagoromo_formats.curves.curve_abc import abc_lines
+from hagoromo_formats.curves.curve_gltf import gltf_lines
+from hagoromo_formats.curves.curve_usd import usd_lines
+from hagoromo_formats.curves.polylines import LARGEST_FILE, Polylines, chained, of_chains
 from hagoromo_formats.scenes.usd_stage import USD
 
 # suffix → memory of the curves while they are read, in sizes of the file
 GROWTH = {".hair": 8.0, ".obj": 40.0, ".abc": 40.0}
 SUFFIXES = (*GROWTH, *GLTF, *USD)
-LARGEST_FILE = 1 << 32  # bytes
 LARGEST_PLACE = 1e9  # [units]
-
-
-class Polylines(NamedTuple):
-    """Polylines. points: (n, 3) of all, one after the other; first: (k + 1), where each begins, and n. diameter: (n)
-    of the fibres there, in the same unit; None: the file states none.
-    """
-
-    points: NDArray[np.float64]
-    first: NDArray[np.int64]
-    diameter: NDArray[np.float64] | None = None
 
 
 def read_curves(path: str | Path) -> Polylines:
@@ -45,17 +35,11 @@ def read_curves(path: str | Path) -> Polylines:
         with reading(path, "OBJ"):
             lines = obj_lines(read_bytes(path, GROWTH[suffix]))
     elif suffix == ".abc":
-        from hagoromo_formats.curves.curve_abc import abc_lines
-
         require(GROWTH[suffix] * Path(path).stat().st_size, str(path))
         lines = abc_lines(Path(path))
     elif suffix in GLTF:
-        from hagoromo_formats.curves.curve_gltf import gltf_lines
-
         lines = gltf_lines(Path(path))
     else:
-        from hagoromo_formats.curves.curve_usd import usd_lines
-
         lines = usd_lines(Path(path))
     return _checked(lines, path)
 
@@ -99,31 +83,6 @@ def obj_lines(data: bytes) -> Polylines:
             numbers = [int(word.split("/")[0]) for word in words[1:]]
             pieces.append([number - 1 if number > 0 else len(vertices) + number for number in numbers])
     return of_chains(np.array(vertices, np.float64).reshape(-1, 3), chained(pieces))
-
-
-def chained(pieces: Iterable[list[int]]) -> list[list[int]]:
-    """Numbers of vertices of polylines: a piece that begins where the one before it ends goes on with it."""
-    chains: list[list[int]] = []
-    for piece in pieces:
-        if chains and piece and chains[-1][-1] == piece[0]:
-            chains[-1] += piece[1:]
-        elif piece:
-            chains.append(piece)
-    return chains
-
-
-def of_arrays(arrays: Mapping[str, NDArray[Any]]) -> Polylines:
-    """Lines of the arrays of another process; no diameter: the file states none."""
-    wide = arrays["diameter"]
-    return Polylines(arrays["points"], arrays["first"], wide if len(wide) else None)
-
-
-def of_chains(vertices: NDArray[np.float64], chains: list[list[int]]) -> Polylines:
-    """Lines of the numbers of vertices."""
-    index = np.array([number for chain in chains for number in chain], np.int64)
-    if len(index) and not (0 <= index.min() and index.max() < len(vertices)):
-        raise InputError(f"a line names vertex {index.max() + 1}, there are {len(vertices)}: the file is damaged")
-    return Polylines(vertices[index].reshape(-1, 3), np.cumsum([0, *(len(chain) for chain in chains)]))
 
 
 def _checked(lines: Polylines, path: str | Path) -> Polylines:

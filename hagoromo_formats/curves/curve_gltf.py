@@ -14,7 +14,7 @@ from hagoromo.files.checks import read_bytes, sized_file
 from hagoromo.files.gltf import array_of, gltf_record, placed_nodes
 from hagoromo.files.memory import require
 from hagoromo.files.reading import reading
-from hagoromo_formats.curves.curve_file import LARGEST_FILE, Polylines, chained, of_chains
+from hagoromo_formats.curves.polylines import LARGEST_FILE, Polylines, chained, of_chains
 
 LINES, LINE_LOOP, LINE_STRIP = 1, 2, 3
 BYTES_PER_POINT = 200.0  # of lines while they are joined, at every place where they stand

@@ -13,7 +13,7 @@ from hagoromo.files.apart import read_apart
 from hagoromo.files.library import library
 from hagoromo.files.reading import reading
 from hagoromo_formats.curves.control_points import evaluated, joined
-from hagoromo_formats.curves.curve_file import Polylines, of_arrays
+from hagoromo_formats.curves.polylines import Polylines, of_arrays
 from hagoromo_formats.scenes.usd_stage import open_stage, shown, unpacked, usd_file
 
 

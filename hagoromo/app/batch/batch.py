@@ -12,13 +12,13 @@ import io
 import time
 from collections import deque
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from hagoromo.app.batch.batch_file import read_batch
 from hagoromo.app.batch.ledger import Ledger, keys_of, stamp
 from hagoromo.app.batch.plan import Step
+from hagoromo.app.batch.table import Outcome
 from hagoromo.cluster.cluster import Workers
 from hagoromo.cluster.mapped import here_or_on
 from hagoromo.errors import InputError
@@ -27,19 +27,7 @@ from hagoromo.files.names import printable
 from hagoromo.files.stores import forget_fetched, keep_fetched
 from hagoromo.progress import Progress, silent
 
-State = Literal["done", "unchanged", "failed", "not run"]
 SIGNALS = 128  # an exit status above tells of a signal that ended the command
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """The result of a step. said: its last line, if it failed. seconds: its duration."""
-
-    step: str
-    out: Path
-    state: State
-    said: str = ""
-    seconds: float = 0.0
 
 
 def batch(

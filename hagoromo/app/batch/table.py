@@ -1,13 +1,26 @@
-"""The table of a batch: the steps that failed, or that would run, and how many there are of each kind."""
+"""What became of the steps of a batch, and their table: those that failed or would run, and how many of each kind."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
 
-from hagoromo.app.batch.batch import Outcome
-
+State = Literal["done", "unchanged", "failed", "not run"]
 WIDEST = 40  # letters of a column of names
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """The result of a step. said: its last line, if it failed. seconds: its duration."""
+
+    step: str
+    out: Path
+    state: State
+    said: str = ""
+    seconds: float = 0.0
 
 
 def table(outcomes: Sequence[Outcome], dry_run: bool = False) -> list[str]:
