@@ -4,6 +4,7 @@ was trained on other pictures: it invents and removes detail, so that it is neve
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from importlib import import_module, metadata
 from typing import Any
 
@@ -11,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
-from hagoromo.image.image import Image
 
 EXTRA = "Open Image Denoise is missing: pip install 'hagoromo[denoise]'"
 
@@ -30,16 +30,16 @@ def name_of_denoiser() -> str:
     return f"Open Image Denoise, pyoidn {metadata.version('pyoidn')}"
 
 
-def denoised(image: Image, values: NDArray) -> NDArray[np.float32]:
+def denoised(layers: Mapping[str, NDArray] | None, values: NDArray) -> NDArray[np.float32]:
     """Values (height, width, channels) of an image in linear light without their noise, as far as it can be guessed.
 
-    image: with layers. `InputError` for one without, and where Open Image Denoise is missing.
+    layers: of the image, with its albedo and normal. `InputError` for none, and where Open Image Denoise is missing.
     """
     network = denoiser()
-    if image.layers is None:
+    if layers is None:
         raise InputError("the image has no layers of albedo and normal, which denoising needs: render it with layers")
     albedo, normal = (
-        np.stack([image.layers[f"{layer}.{name}"] for name in names], axis=-1).astype(np.float32)
+        np.stack([layers[f"{layer}.{name}"] for name in names], axis=-1).astype(np.float32)
         for layer, names in (("albedo", "RGB"), ("normal", "XYZ"))
     )
     scale = max(float(np.abs(values).max(initial=0.0)), 1e-30)

@@ -203,7 +203,7 @@ class Image:
             from hagoromo.image.denoise import denoised, name_of_denoiser  # an extra
 
             header["denoised"] = f"{', '.join(names)} by {name_of_denoiser()}; the weights are as they were rendered"
-            shown, rgb = denoised(self, shown), denoised(self, rgb)
+            shown, rgb = denoised(self.layers, shown), denoised(self.layers, rgb)
         channels = {name: rgb[..., k] for k, name in enumerate(names)} | {"A": self.alpha}
         for k, name in enumerate(self.channel_names()):
             channels[name] = self.weights[..., k]

@@ -122,7 +122,7 @@ def test_layers_of_a_march_are_the_same(image):
 @pytest.mark.skipif(NO_DENOISER, reason="Open Image Denoise is not installed (pip install 'hagoromo[denoise]')")
 def test_a_denoised_picture_is_nearer_to_the_truth_and_marked(image, tmp_path):
     truth = hg.render(ball_and_box(), hg.Settings(samples=600, seed=9), mode="path").linear_srgb()
-    clean = denoised(image, image.linear_srgb())
+    clean = denoised(image.layers, image.linear_srgb())
     off = [np.sqrt(np.mean((values - truth) ** 2)) for values in (clean, image.linear_srgb())]
     assert off[0] < 0.6 * off[1]
     image.save(tmp_path / "a.exr", denoise=True)
@@ -134,4 +134,4 @@ def test_a_denoised_picture_is_nearer_to_the_truth_and_marked(image, tmp_path):
     with pytest.raises(hg.InputError, match=r"a\.exr was denoised"):
         hg.compare(tmp_path / "a.exr", tmp_path / "a.exr")
     with pytest.raises(hg.InputError, match="no layers of albedo and normal"):
-        denoised(hg.render(ball_and_box()), clean)
+        denoised(hg.render(ball_and_box()).layers, clean)
