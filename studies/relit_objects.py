@@ -21,8 +21,7 @@ from markupsafe import Markup
 from tyro.conf import Positional
 
 import hagoromo as hg
-from hagoromo.calibration.rig.calibrate_rig import rig_of
-from hagoromo.calibration.rig.object_readings import object_readings
+from hagoromo.calibration.rig.calibrate_rig import object_readings, rig_of
 from hagoromo.measurement.surface.uneven_lamps import solve_uneven_lamps
 from studies.glossy_objects import GLOSSY, glossy_object
 from studies.table import print_table

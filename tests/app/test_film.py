@@ -14,9 +14,8 @@ from hagoromo.files.record import read_json, read_toml
 from hagoromo.files.toml_text import toml_text
 from hagoromo.image import prepared_scene
 from hagoromo.image.film import film as filming
-from hagoromo.image.film.film import FilmOrder, Turn, film, frame_image, frame_tables
+from hagoromo.image.film.film import FilmOrder, Turn, chosen, film, frame_image, frame_tables, sheet
 from hagoromo.image.film.motion import Motion, turned
-from hagoromo.image.film.sheet import chosen, sheet
 from hagoromo.image.render import render
 from hagoromo.image.scene import Scene
 from hagoromo.image.scene_file import load_scene

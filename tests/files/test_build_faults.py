@@ -14,8 +14,7 @@ import pytest
 
 from hagoromo.app.cli import main
 from hagoromo.errors import InputError
-from hagoromo.matter.build import build, build_to
-from hagoromo.matter.fingerprint import fingerprint
+from hagoromo.matter.build import build, build_to, fingerprint
 from hagoromo.volume.store import field_blocks
 from hagoromo.volume.store.box_group import BoxGroup
 from hagoromo.volume.store.box_store import load_box

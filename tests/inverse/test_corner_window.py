@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from hagoromo.calibration.camera.board import Board
-from hagoromo.calibration.camera.corner_window import (
+from hagoromo.calibration.camera.board import (
     LARGEST_HALF_SIDE_PX,
     LEAST_HALF_SIDE_PX,
+    Board,
     corner_windows,
     next_edge,
 )

@@ -10,8 +10,7 @@ from hagoromo.files.exr import write_exr
 from hagoromo.files.png import write_png
 from hagoromo.image.render import render
 from hagoromo.light.spectrum import smooth_rgb_basis
-from hagoromo.matter.relief.gloss_classes import CLASSES, gloss_classes
-from hagoromo.matter.relief.measured_relief import read_relief, surface_reflectances
+from hagoromo.matter.relief.measured_relief import CLASSES, gloss_classes, read_relief, surface_reflectances
 from hagoromo.matter.relief.relief import relief_plan
 from hagoromo.photograph.points_file import write_points
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate

@@ -3,6 +3,10 @@
 A lamp near a chart lights one side more than the other. Readings divided by the falloff are what the patches' spectra
 explain, so both are fitted together: ln falloff is a polynomial of second degree over the chart, with mean 0, one for
 each photograph and common to its channels.
+
+A cause that changes the readings of all channels alike, such as light that falls off over a chart.
+
+Enters: readings of all channels, and what they change by. Leaves: how large the cause is, with the curves free.
 """
 
 from __future__ import annotations
@@ -13,8 +17,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.calibration.response.common_cause import Cause, common_cause
+from hagoromo.calibration.response.curve_evidence import DIVERGED, Found, most_evidence
 from hagoromo.calibration.response.curve_prior import CurvePrior
+from hagoromo.calibration.response.reading_equations import ReadingEquations
+from hagoromo.errors import InputError
 
 FALLOFF_PRIOR = 0.2  # standard deviation of each coefficient of ln falloff, over half of the chart
 FALLOFF_FITS = 3  # of the curves and the falloff in turn
@@ -133,3 +139,45 @@ def _misfit(chart: ChartReadings, priors: Mapping[str, Sequence[CurvePrior]]) ->
     none = np.zeros((len(chart.patch), 0))
     cause = common_cause(chart.wavelengths, chart.matrix, chart.readings, priors, none)
     return float(np.sqrt(np.mean(cause.residual**2)))
+
+
+class Cause(NamedTuple):
+    """Precision (k, k) and gradient (k,) of ½ χ² in the coefficients of a cause; relative residuals of all readings."""
+
+    precision: Array
+    gradient: Array
+    residual: Array
+
+
+def common_cause(
+    wavelengths: Array,
+    matrix: Array,
+    readings: Mapping[str, Array],
+    priors: Mapping[str, Sequence[CurvePrior]],
+    basis: Array,
+    known: dict[str, Found] | None = None,
+) -> Cause:
+    """How readings of all channels change by ρ' = ρ (1 + basis · x), with the curves free: their precision of x.
+
+    basis: (m, k). Readings that are NaN are left out. known: channel → parameters of the fit; filled where missing.
+    """
+    precision, gradient = np.zeros((basis.shape[1],) * 2), np.zeros(basis.shape[1])
+    residuals = []
+    for name, reading in readings.items():
+        use = np.isfinite(reading) & (reading > 0.0)
+        equations = ReadingEquations.scaled(wavelengths, matrix[use], reading[use])
+        found = None if known is None else known.get(name)
+        found = most_evidence(equations, priors[name][0]) if found is None else found
+        if found is None:
+            raise InputError(DIVERGED)
+        if known is not None:
+            known[name] = found
+        mode = found.mode(equations)
+        expected = equations.matrix @ mode.curve
+        causes = expected[:, None] * basis[use]
+        weighted = equations.inverse(found.noise).times(causes)
+        across = (equations.matrix * mode.rate).T @ weighted
+        precision += causes.T @ weighted - across.T @ np.linalg.solve(mode.curvature, across)
+        gradient += weighted.T @ (equations.readings - expected)
+        residuals.append((equations.readings - expected) / np.maximum(equations.readings, 0.05))
+    return Cause(precision, gradient, np.concatenate(residuals))

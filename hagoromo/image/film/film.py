@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -25,7 +25,6 @@ from hagoromo.files.record import is_number, read_json_table, write_json, writte
 from hagoromo.files.resumable import resumable_folder
 from hagoromo.files.whole import replaceable_file, tidied, whole_file, write_bytes
 from hagoromo.image.film.motion import Tables, read_motion, turned
-from hagoromo.image.film.sheet import SHEET_FRAMES, STRIP_FRAMES, chosen, sheet, strip
 from hagoromo.image.image import Image, auto_exposure
 from hagoromo.image.modes import Mode
 from hagoromo.image.prepared_scene import SceneCache
@@ -40,6 +39,11 @@ MOST_FRAMES = 100_000
 METERED_WALKS = 16  # through a pixel of such a frame
 METERED_FRAMES, METERED_SIDE = 8, 64  # frames, and px of their longer side, by which a film is exposed
 RECORD = "film.json"
+STRIP_FRAMES, SHEET_FRAMES = 8, 24
+SHEET_COLUMNS = 6
+LONGEST_SIDE = 320  # px of a frame on them
+GAP, PAPER = 4, 32  # px between frames, and their display value
+Frame = NDArray[np.uint8]
 
 
 @dataclass(frozen=True)
@@ -250,3 +254,31 @@ def _reel(order: FilmOrder) -> _Reel:
         _held.clear()  # before another one takes memory
         _held[order] = _Reel(order)
     return _held[order]
+
+
+def chosen(count: int, most: int) -> list[int]:
+    """Numbers of at most `most` of `count` frames, evenly from the first on."""
+    number = min(count, most)
+    return [k * count // number for k in range(number)]
+
+
+def strip(frames: Sequence[Frame]) -> Frame:
+    """Frames of one size beside each other."""
+    return sheet(frames, len(frames))
+
+
+def sheet(frames: Sequence[Frame], columns: int = SHEET_COLUMNS) -> Frame:
+    """Frames of one size in rows, reduced to LONGEST_SIDE."""
+    import cv2
+
+    height, width = frames[0].shape[:2]
+    share = min(LONGEST_SIDE / max(height, width), 1.0)
+    size = max(round(width * share), 1), max(round(height * share), 1)
+    small = [cv2.resize(frame, size, interpolation=cv2.INTER_AREA) for frame in frames]
+    columns = min(columns, len(small))
+    rows = -(-len(small) // columns)
+    paper = np.full((rows * (size[1] + GAP) + GAP, columns * (size[0] + GAP) + GAP, 3), PAPER, np.uint8)
+    for k, frame in enumerate(small):
+        top, left = (GAP + (k // columns) * (size[1] + GAP), GAP + (k % columns) * (size[0] + GAP))
+        paper[top : top + size[1], left : left + size[0]] = frame
+    return paper

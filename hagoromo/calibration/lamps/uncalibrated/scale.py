@@ -1,7 +1,14 @@
-"""Scale: photographs of an object at one binning and one distance of compared pixels, and the lamps from them."""
+"""Scale: photographs of an object at one binning and one distance of compared pixels, and the lamps from them.
+
+Perspective: diverging rays determine tilt and relief as well, so all of C is estimated together.
+
+The cost is that of the bas-relief parameters plus the robust residual of integrability, with its effective number of
+independent rows. A hollow surface has another cost in perspective, so the start must have the right sign.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -9,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.calibration.lamps.uncalibrated.bas_relief import Family, ObjectPrior, resolve
-from hagoromo.calibration.lamps.uncalibrated.integrability import IntegrabilityRows, first_rows, rows
+from hagoromo.calibration.lamps.uncalibrated.integrability import CLIP, IntegrabilityRows, first_rows, rows
 from hagoromo.calibration.lamps.uncalibrated.low_rank import Array, Factors, binned, factorise
-from hagoromo.calibration.lamps.uncalibrated.perspective import resolve_in_perspective
 from hagoromo.errors import InputError
-from hagoromo.least_squares.fit_status import FitStatus
+from hagoromo.least_squares.fit_status import FitStatus, scipy_status
+from hagoromo.least_squares.loss import robust_scale
 from hagoromo.progress import Progress
 
 SCALES, NEIGHBOUR_STEPS = (1, 2, 3), (1, 2)  # binning, and distance [pixel] of compared neighbours
@@ -22,6 +29,8 @@ UNIDENTIFIABLE = 0.8  # ratio of `first_rows` above which integrability does not
 TILES = 12  # across the object, resampled for errors
 SWEEPS, FEWER = 10, 2  # of Powell's method in perspective: from an orthographic view, and from a resampled one
 FLIP = np.array([-1.0, -1.0, 1.0])  # convex to hollow
+INDEPENDENT_ROWS = 200.0  # effective number of rows with independent residuals
+SAMPLES = 2000  # rows that are evaluated
 
 
 class ScaledLamps(NamedTuple):
@@ -122,3 +131,40 @@ def scales_of(light: Array, mask: NDArray[np.bool_], tangent: Array, progress: P
 
 def _same_sign(first: Array, like: Array) -> Array:
     return first if np.sum(first * like) > 0.0 else -first
+
+
+def resolve_in_perspective(
+    family_of: Callable[[Array], Family],
+    lines: IntegrabilityRows,
+    first: Array,
+    figures: Array,
+    prior: ObjectPrior,
+    sweeps: int,
+) -> tuple[Array, Array, FitStatus]:
+    """c₁ and c₂ (2, 3) and the bas-relief parameters, starting from those of an orthographic view, by Powell's method,
+    and how that ended.
+
+    family_of: c₁ and c₂ → the surfaces and lamps that they leave possible.
+    """
+    from scipy.optimize import minimize
+
+    count = len(lines.along)
+    some = np.random.default_rng(0).choice(count, min(SAMPLES, count), replace=False)
+    along, beyond, start = lines.along[some], lines.beyond[some], first.ravel()
+    scale = CLIP * robust_scale(along @ start)
+    free = np.linalg.svd(start[None])[2][1:]  # of unit length: five degrees of freedom
+
+    def rows_at(moved: Array) -> Array:
+        unit = start + moved[:5] @ free
+        return (unit / np.linalg.norm(unit)).reshape(2, 3)
+
+    def cost(moved: Array) -> float:
+        pair = rows_at(moved)
+        family = family_of(pair)
+        third = family.third(moved[5:]) @ np.stack([*pair, np.cross(pair[0], pair[1])])
+        off = along @ pair.ravel() + beyond @ third
+        return INDEPENDENT_ROWS * float(np.log(np.mean(np.log1p((off / scale) ** 2)))) + family.cost(moved[5:], prior)
+
+    options = {"maxiter": sweeps, "xtol": 1e-3, "ftol": 1e-5}
+    best = minimize(cost, np.r_[np.zeros(5), figures], method="Powell", options=options)
+    return rows_at(best.x), best.x[5:], scipy_status(best)
