@@ -127,7 +127,7 @@ def test_a_killed_worker_loses_nothing(slab, cluster, monkeypatch):
     [
         pytest.param("path", {"samples": 3}, marks=pytest.mark.nightly),
         ("path", {"samples": 1, "error": 0.4, "orders": 2}),
-        ("full", {"samples": 1}),
+        pytest.param("full", {"samples": 1}, marks=pytest.mark.nightly),
         pytest.param("march", {"samples": 1}, marks=pytest.mark.nightly),
     ],
 )
@@ -185,6 +185,7 @@ out = "dimmed/{name}.exr"
 """
 
 
+@pytest.mark.nightly
 def test_a_batch_goes_on_when_a_worker_is_killed(scene, cluster, address, tmp_path):
     """One of two workers is killed when the first of ten steps is done; one step fails, and only that."""
     (tmp_path / "scenes").mkdir()

@@ -34,18 +34,21 @@ def site(tmp_path_factory) -> Path:
     return folder
 
 
+@pytest.mark.nightly
 def test_every_public_name_is_in_the_reference(site):
     pages = "".join(page.read_text(encoding="utf-8") for page in (site / "reference" / "api").glob("*.html"))
     missing = [name for name in NAMES if f'id="hagoromo.{name}"' not in pages]
     assert NAMES and not missing
 
 
+@pytest.mark.nightly
 def test_every_command_is_in_the_reference(site):
     page = (site / "reference" / "commands.html").read_text(encoding="utf-8")
     for verb in ("measure", "render", "compare", "calibrate-lamps", "info"):
         assert f'id="{verb}"' in page
 
 
+@pytest.mark.nightly
 def test_the_site_loads_nothing_from_elsewhere(site):
     """Pages work without a network: links may lead out, but no script, style, font or picture comes from there."""
     loads = re.compile(r'<(?:script|img|iframe|source)[^>]* src="?https?:|<link[^>]* href="?https?:[^>]*stylesheet')
@@ -54,6 +57,7 @@ def test_the_site_loads_nothing_from_elsewhere(site):
     assert [page.name for page in pages if loads.search(page.read_text(encoding="utf-8"))] == []
 
 
+@pytest.mark.nightly
 def test_equations_are_drawn(site):
     """No LaTeX is left for a script to set, but in the labels of the drawings."""
     page = (site / "model" / "reflection.html").read_text(encoding="utf-8")

@@ -28,6 +28,7 @@ def test_every_example_is_run():
     assert sorted(path.name for path in EXAMPLES.glob("*.py")) == sorted(SAID)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", SAID)
 def test_an_example_runs(name, tmp_path):
     command = [sys.executable, "-W", "error", str(EXAMPLES / name), str(tmp_path)]

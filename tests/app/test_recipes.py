@@ -16,6 +16,8 @@ from studies.gallery.gallery_items import ITEMS
 FOLDER = Path(__file__).parents[2] / "examples" / "recipes"
 RECIPES = sorted(path.stem for path in FOLDER.glob("*.toml"))
 LINE = re.compile(r"^(\w+) = (.+?)(\s+#.*)?$")
+QUICK = ("hair", "linen", "primary", "skin", "solid", "stockinette")  # one of each kind, but for the wing: a minute
+BY_NIGHT = [name if name in QUICK else pytest.param(name, marks=pytest.mark.nightly) for name in RECIPES]
 SIGNED = {"bow_mm", "arch_mm", "camber_mm", "parting_mm"}  # these may be below 0
 COARSE = {"skin": 0.3, "solid": 0.5}  # resolution of a quick build
 
@@ -43,7 +45,7 @@ def test_every_recipe_is_in_the_gallery():
     assert {item.recipe for item in ITEMS.values()} == set(RECIPES)
 
 
-@pytest.mark.parametrize("name", RECIPES)
+@pytest.mark.parametrize("name", BY_NIGHT)
 def test_a_recipe_builds(name, tmp_path, capsys, few_match_points):
     """By the command line, to a box that loads with matter in it; in memory, twice, with the same bits.
 
@@ -99,7 +101,7 @@ def refused(text: str, folder: Path, capsys) -> str:
     return said
 
 
-@pytest.mark.parametrize("name", RECIPES)
+@pytest.mark.parametrize("name", BY_NIGHT)
 def test_every_key_refuses_what_it_does_not_take(name, tmp_path, capsys):
     """Other types, NaN, infinity, numbers below 0 and unknown keys, for every line of the file."""
     lines = (FOLDER / f"{name}.toml").read_text().splitlines()

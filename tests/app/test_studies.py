@@ -40,7 +40,6 @@ INSIDE = {  # modules of the package that a study takes apart, and why no public
     # what relight learns, part by part, and its yardstick
     "relit_objects.py": {
         "calibration.rig.calibrate_rig",
-        "calibration.rig.object_readings",
         "measurement.surface.uneven_lamps",
     },
     "relit_limits.py": {"image.relight.learnt", "measurement.normals.normals"},

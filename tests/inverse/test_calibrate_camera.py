@@ -90,6 +90,7 @@ def test_a_charuco_board_seen_in_part_and_drawn_by_an_old_opencv_is_found():
         assert found is not None and 8 <= len(found.points) < board.columns * board.rows
 
 
+@pytest.mark.nightly
 def test_the_rational_model_finds_a_lens_that_only_it_describes():
     """Eight coefficients and the focal length are known together, not one by one: judged by where they image points
     of the boards' field, to 0.1 px on average, twice the error of a corner, once the view is turned alike.

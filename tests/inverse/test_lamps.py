@@ -65,6 +65,7 @@ def test_lamps_are_found_through_a_camera_in_perspective(kind):
         assert off < 0.3 and off < 3 * lamp.standard_error_deg, lamp.name
 
 
+@pytest.mark.nightly
 def test_errors_hold_in_rooms_whose_reflections_crowd_at_the_edge():
     """Eight rooms of lit patches, one of them with an edge that runs along the ball's: 19 of 20 lamps in two errors.
 

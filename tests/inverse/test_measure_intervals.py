@@ -86,6 +86,7 @@ def test_intervals_hold_at_least_so_often_where_the_facets_may_have_tails():
         assert 100 * np.mean(hits[key]) >= 95 - 2.1, table(hits, ratios)
 
 
+@pytest.mark.nightly
 def test_weights_do_not_pull_towards_low_values():
     """At 150 electrons weights by the noisy values would bias α by 1/150, 1.5 of its standard errors here.
 

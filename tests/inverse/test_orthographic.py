@@ -3,6 +3,7 @@
 import json
 
 import numpy as np
+import pytest
 
 import hagoromo as hg
 from hagoromo.app.cli import main
@@ -55,6 +56,7 @@ def test_rays_of_an_orthographic_view_are_parallel():
     assert np.allclose(camera.project([[-0.5, 0.0, 0.1], [0.5, 0.0, -0.1]]), [[0.0, 100.0], [300.0, 100.0]], atol=0.02)
 
 
+@pytest.mark.nightly
 def test_what_an_orthographic_view_measures_is_as_good_as_its_noise(monkeypatch):
     """A pinhole at 20 widths, as before, is off by 1.4° at a corner: normals 0.127° off in place of 0.114°."""
     parallel, gamma = degrees_off()

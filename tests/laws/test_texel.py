@@ -428,7 +428,7 @@ def test_bad_texels_are_refused():
 
 
 @pytest.mark.parametrize("towards", [(0.0, -1.0, 0.0), (0.5, -0.8, 0.3)])
-@pytest.mark.parametrize("degrees", [30, 60, 120, 150])
+@pytest.mark.parametrize("degrees", [30, *(pytest.param(k, marks=pytest.mark.nightly) for k in (60, 120)), 150])
 def test_prefiltered_pictures_agree_under_lamps_in_front_and_behind(degrees, towards):
     """3 % of the mean picture of whole periods under a far lamp; behind, it was 5 to 19 % too bright."""
     box, angle = sheet(size=24.0), math.radians(degrees)
