@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -161,9 +162,9 @@ def check_no_optics(scene: Scene) -> None:
 def check_lamps_outside(scene: Scene) -> None:
     """`InputError` for a lamp inside a volume box, whose light the march does not follow."""
     for number, lamp in enumerate(scene.lamps):
-        for box in scene.boxes:
-            if lamp.position is not None and box.contains(lamp.position):
-                where = ", ".join(f"{x:g}" for x in lamp.position)
+        for box, place in product(scene.boxes, lamp.stands_at):
+            if box.contains(place):
+                where = ", ".join(f"{x:g}" for x in place)
                 raise InputError(
                     f"lamp {lamp.name or number} stands inside the volume box {box.name!r} ({where} m): move it out, "
                     f"or render by mode path"

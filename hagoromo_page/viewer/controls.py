@@ -178,9 +178,9 @@ def _lamp_controls(number: int, state: ViewState, first: ViewState, scene: Scene
         value = {AS_STATED: spectrum_of_file, NEUTRAL: 1.0}.get(name, name)
         return state.with_value((*at, "spectrum"), value)
 
-    key = "to_lamp" if lamp.position is None else "position"
+    key = lamp.place_key
     corners = scene.matter_corners()
-    away = float(np.linalg.norm(np.ptp(corners, axis=0))) if lamp.position is None else None
+    away = float(np.linalg.norm(np.ptp(corners, axis=0))) if not lamp.near else None
     found = [
         Control(f"{folder} spectrum", folder, "spectrum", Choice((AS_STATED, NEUTRAL, *ILLUMINANTS)),
                 spectrum, with_spectrum),

@@ -27,7 +27,7 @@ from hagoromo.transport.lighting import LampRow
 from hagoromo.transport.path.environment_light import EnvironmentLight
 from hagoromo.transport.path.free_flight import Random
 from hagoromo.transport.path.mesh_light import MeshLight
-from hagoromo.transport.path.next_event import LampDrawn, seen_lamp
+from hagoromo.transport.path.next_event import LampDrawn
 from hagoromo.transport.surface_colours import SurfaceHit
 
 LEAST_ALBEDO = 1e-3
@@ -122,7 +122,7 @@ class Lights:
         choice, u, v, across, down = (random.next_float32() for _ in range(5))
         nothing = jit.Float(0)
         chosen = LampDrawn(jit.Array3f(0, 0, 1), nothing, nothing, jit.UInt(0), [nothing] * groups, nothing)
-        each = [seen_lamp(lamp, point) for lamp in self.lamps]
+        each = [lamp.light.arriving(point) for lamp in self.lamps]
         sized, sized_groups = [*self.areas, *self.emitters], self.area_groups + self.emitter_groups
         shares = [light for _, _, light in each] + [light.share(point) for light in sized]
         shares += [] if self.environment is None else [self.environment.share()]
@@ -164,7 +164,7 @@ class Lights:
         have been drawn. first: whether the walk comes from the camera, and sees what is visible.
         """
         jit = arrays()
-        shares = [seen_lamp(lamp, origin)[2] for lamp in self.lamps]
+        shares = [lamp.light.arriving(origin)[2] for lamp in self.lamps]
         shares += [light.share(origin) for light in (*self.areas, *self.emitters)]
         shares += [] if self.environment is None else [self.environment.share()]
         total, light = sum(shares, jit.Float(0)), [jit.Float(0)] * groups

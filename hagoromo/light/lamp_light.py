@@ -1,0 +1,32 @@
+"""Lamp light: a lamp without size as kernels read it."""
+
+from __future__ import annotations
+
+import math
+
+import drjit as dr
+
+from hagoromo.backend import Array3f, Float, arrays, opaque_vector
+from hagoromo.light.lamp import Lamp
+
+
+class LampLight:
+    """Where a lamp is [m], or the direction to it; its intensity; and its beam, None where it shines alike all around.
+
+    Whether it is near is a part of the kernel; all else is read from memory.
+    """
+
+    def __init__(self, lamp: Lamp, intensity: float) -> None:
+        """`intensity`: in place of the lamp's own."""
+        self.where, self.intensity = opaque_vector(lamp.place), dr.opaque(arrays().Float, intensity)
+        self.near, self.beam = lamp.near, lamp.beam.on_device()
+
+    def arriving(self, point: Array3f) -> tuple[Array3f, Float, Float]:
+        """Unit direction to the lamp, the distance to it [m], and its irradiance on what faces it, without shadows."""
+        to_lamp, distance, irradiance = self.where, math.inf, self.intensity
+        if self.near:
+            offset = self.where - point
+            squared = dr.squared_norm(offset)
+            inverse = dr.rsqrt(squared)
+            to_lamp, distance, irradiance = offset * inverse, squared * inverse, self.intensity / squared
+        return to_lamp, distance, irradiance if self.beam is None else irradiance * self.beam(to_lamp)
