@@ -66,8 +66,8 @@ def depth_of_matter(scene: Scene) -> float:
     """Depth in front of the camera [m] from which on there is matter, or a lamp that is seen; 0 for a camera less than
     FAR sizes of them away.
     """
-    lamps = [lamp.corners() for lamp in scene.area_lamps if lamp.visible]
-    corners = np.concatenate([*lamps, *(thing.corners() for thing in (*scene.boxes, *scene.surfaces))])
+    lights = [light.corners() for light in scene.wide_lights if light.visible]
+    corners = np.concatenate([*lights, *(thing.corners() for thing in (*scene.boxes, *scene.surfaces))])
     depth = corners @ scene.camera.world_to_camera[2, :3] + scene.camera.world_to_camera[2, 3]
     nearest, size = float(depth.min()), float(np.linalg.norm(np.ptp(corners, axis=0)))
     return nearest if nearest > FAR * size else 0.0

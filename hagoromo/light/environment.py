@@ -9,7 +9,7 @@ positive, and the first part is white.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple
@@ -22,6 +22,10 @@ from hagoromo.files.checks import existing_file
 from hagoromo.files.exr import read_exr
 from hagoromo.files.hdr import STARTS, read_hdr
 from hagoromo.files.memory import require
+from hagoromo.light.environment_light import EnvironmentLight
+from hagoromo.light.lamp import Lamp
+from hagoromo.light.light_points import LightPoints
+from hagoromo.light.median_cut import FEWEST_ROWS, cut_light
 from hagoromo.light.spectrum import Spectrum, checked_spectrum
 
 LARGEST_RADIANCE = 1e15
@@ -60,6 +64,8 @@ class Environment:
     rotation: NDArray[np.float64]
     visible: bool
     name: str
+    what = "environment"
+    surface = None
 
     def __init__(
         self,
@@ -116,9 +122,13 @@ class Environment:
         height, width = self.values.shape[:2]
         return f"Environment({self.name!r}, {width} × {height} px, scale {self.scale:g})"
 
-    @cached_property
+    @property
     def parts(self) -> tuple[EnvironmentPart, ...]:
         """The map as a sum of maps of one spectrum each; one of them where all pixels have one colour."""
+        return self._parts
+
+    @cached_property
+    def _parts(self) -> tuple[EnvironmentPart, ...]:
         if self.values.ndim == 2:
             return (EnvironmentPart(self.name, self.spectrum, np.float32(self.scale) * self.values),)
         brightest = self.values.max(axis=2)
@@ -163,6 +173,46 @@ class Environment:
         """Radiance of each of the `parts` from unit `directions` (…, 3), world: (…, parts)."""
         row, column = self.pixels(directions)
         return np.stack([part.radiance[row, column] for part in self.parts], axis=-1).astype(np.float64)
+
+    @property
+    def stands_at(self) -> NDArray[np.float64]:
+        """(0, 3): it is far."""
+        return np.empty((0, 3))
+
+    def corners(self) -> NDArray[np.float64]:
+        """(0, 3): it is far."""
+        return np.empty((0, 3))
+
+    def points(self, low: NDArray[np.float64], high: NDArray[np.float64], tolerance: float) -> LightPoints:
+        """Far lamps in its place, those of its parts together at each; see `WideLight`. They do not depend on where
+        the matter is.
+        """
+        cut = self._with_cut_pixels()
+        height, width = cut.values.shape[:2]
+        light = np.stack([part.radiance for part in cut.parts], axis=-1) * cut.solid_angles[:, None, None]
+        rows, columns = np.meshgrid(np.arange(height) + 0.5, np.arange(width) + 0.5, indexing="ij")
+        ways, irradiances, error = cut_light(cut.directions(rows, columns), light, tolerance)
+        lamps = [
+            Lamp(to_lamp=way, intensity=float(irradiance), spectrum=part.spectrum, name=part.name)
+            for way, each in zip(ways, irradiances, strict=True)
+            for part, irradiance in zip(self.parts, each, strict=True)
+        ]
+        return LightPoints(lamps, len(ways), error)
+
+    def _with_cut_pixels(self) -> Environment:
+        """The same light as a map of FEWEST_ROWS or more, by cutting each pixel in equal parts."""
+        parts = -(-FEWEST_ROWS // self.values.shape[0])
+        if parts == 1:
+            return self
+        return replace(self, values=self.values.repeat(parts, axis=0).repeat(parts, axis=1))
+
+    def on_device(self) -> EnvironmentLight:
+        """Its light in kernels."""
+        return EnvironmentLight([part.radiance for part in self.parts], self.solid_angles, self.rotation, self.visible)
+
+    def seen_on_device(self) -> EnvironmentLight:
+        """See `WideLight`."""
+        return self.on_device()
 
     def record(self) -> dict[str, object]:
         """What metadata say of it: not the map itself."""
