@@ -19,6 +19,7 @@ from hagoromo.light.light_points import (
     light_at,
     probes_between,
 )
+from hagoromo.light.other_programs import MitsubaPlugin, UsdLight, at
 from hagoromo.light.shapes import shape_of
 from hagoromo.light.shapes.lamp_shape import AreaLight, LampShape
 from hagoromo.light.shapes.rectangle import Rectangle
@@ -154,6 +155,23 @@ class AreaLamp:
     def seen_on_device(self) -> AreaLight:
         """See `WideLight`."""
         return self.on_device()
+
+    def mitsuba(self) -> tuple[MitsubaPlugin, list[str]]:
+        """A black shape with an area emitter."""
+        dark = MitsubaPlugin("bsdf", "diffuse", {"reflectance": Spectrum.constant(0.0)})
+        light = MitsubaPlugin("emitter", "area", {"radiance": self.spectrum * self.radiance})
+        kind, values = self.shape.mitsuba(self.position)
+        lost = ["area lamps hide what is behind them: Mitsuba's are bodies"]
+        return MitsubaPlugin("shape", kind, values, (dark, light)), lost
+
+    def gltf(self) -> tuple[None, list[str]]:
+        """None: lights of glTF have no size."""
+        return None, [f"area lamp {self.name!r}" if self.name else "area lamps without a name"]
+
+    def usd(self) -> tuple[UsdLight, list[str]]:
+        """The light of its shape."""
+        kind, axes, inputs = self.shape.usd()
+        return UsdLight(kind, at(self.position, axes), self.spectrum, self.radiance, inputs), []
 
     def record(self) -> dict[str, object]:
         """The lamp as plain values, as a scene file states it."""

@@ -81,6 +81,18 @@ class EmittingSurface:
         """The same as the surface that rays hit, without its triangles."""
         return MeshLight(self.surface, self.emission)
 
+    def mitsuba(self) -> tuple[None, list[str]]:
+        """None: the surface is written without its light."""
+        return None, [f"surface {self.name!r}: the light that it gives off"]
+
+    def gltf(self) -> tuple[None, list[str]]:
+        """None: as of Mitsuba."""
+        return self.mitsuba()
+
+    def usd(self) -> tuple[None, list[str]]:
+        """None: as of Mitsuba."""
+        return self.mitsuba()
+
 
 class MeshLight:
     """Triangles (n, 3, 3) [m] that shine from their fronts; rays hit them as the surface of their number."""

@@ -10,12 +10,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hagoromo.directions import turned_z_to
 from hagoromo.errors import InputError
 from hagoromo.light.beams import beam_of
 from hagoromo.light.beams.beam import Beam, BeamKeys, frame_about
 from hagoromo.light.lamp_profile import LampProfile
+from hagoromo.light.other_programs import GltfLight, MitsubaPlugin, UsdLight, at
 from hagoromo.light.spectrum import Spectrum, checked_spectrum
 
+WIDEST_BEAM = 89.0  # [°] of a spot of Mitsuba
+WIDEST_CONE = 89.94  # [°] of one of glTF
+POINT = 0.005  # [m] radius by which programs of USD show a lamp without size
 DOWN = np.array([0.0, 0.0, -1.0])  # world: the axis of a lamp with a profile that states none
 
 
@@ -178,6 +183,52 @@ class Lamp:
         if self.position is None:
             return {self.place_key: (turn @ self.place).tolist()}
         return {self.place_key: (turn @ (self.place - middle) + middle).tolist(), **self.beam.turned_record(turn)}
+
+    def mitsuba(self) -> tuple[MitsubaPlugin, list[str]]:
+        """A directional, point or spot emitter."""
+        light, lost = self.spectrum * float(np.mean(self.intensity)), self._lost_channels()
+        if self.position is None:
+            return MitsubaPlugin("emitter", "directional", {"direction": -self.place, "irradiance": light}), lost
+        if self.beam.axis is None:
+            return MitsubaPlugin("emitter", "point", {"position": self.position, "intensity": light}), lost
+        cone = self.beam.cone()
+        if cone is None:
+            lost = [f"lamp {self.name!r}: its fall-off or profile; here it falls linearly, as a spot", *lost]
+        begins, ends = cone or self.beam.nearest_cone(WIDEST_BEAM)
+        place = {"to_world": at(self.position, turned_z_to(self.beam.axis))}
+        return MitsubaPlugin("emitter", "spot", {
+            **place, "intensity": light, "cutoff_angle": ends, "beam_width": begins,
+        }), lost  # fmt: skip
+
+    def gltf(self) -> tuple[GltfLight, list[str]]:
+        """A directional, point or spot light."""
+        strength, lost, axis = float(np.mean(self.intensity)), self._lost_channels(), self.beam.axis
+        if self.position is None:
+            return GltfLight("directional", at(np.zeros(3), turned_z_to(self.place)), self.spectrum, strength), lost
+        if axis is None:
+            return GltfLight("point", at(self.position), self.spectrum, strength), lost
+        if self.beam.focus is None:
+            lost = [f"lamp {self.name!r}: its profile; here it is a spot, half as bright at the same angle", *lost]
+        begins, ends = np.radians(self.beam.nearest_cone(WIDEST_CONE)).tolist()
+        place = at(self.position, turned_z_to(-axis))
+        return GltfLight("spot", place, self.spectrum, strength, (begins, ends)), lost
+
+    def usd(self) -> tuple[UsdLight, list[str]]:
+        """Far: lux of a lamp without size. Near: a sphere as a point, of 4 I by its area."""
+        strength, lost, axis = float(np.mean(self.intensity)), self._lost_channels(), self.beam.axis
+        if self.position is None:
+            place = at(np.zeros(3), turned_z_to(self.place))
+            return UsdLight("DistantLight", place, self.spectrum, strength, {"angle": 0.0}), lost
+        if axis is not None and self.beam.focus is None:
+            lost = [f"lamp {self.name!r}: its profile; it shines alike all around", *lost]
+        place = at(self.position, None if axis is None else turned_z_to(-axis))
+        inputs = {"radius": POINT, "normalize": True}
+        return UsdLight("SphereLight", place, self.spectrum, 4.0 * strength, inputs, True, self.beam.focus), lost
+
+    def _lost_channels(self) -> list[str]:
+        """What all formats lose of a lamp with an intensity per channel."""
+        by_channel = isinstance(self.intensity, tuple)
+        return [f"lamp {self.name!r}: its intensity by channel, of which the mean stands"] if by_channel else []
 
 
 def by_place(lamps: Sequence[Lamp]) -> list[list[int]]:

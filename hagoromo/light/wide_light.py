@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from hagoromo.backend import Array3f, Bool, Float, UInt
 from hagoromo.light.light_points import LightPoints
+from hagoromo.light.other_programs import InOtherPrograms
 from hagoromo.light.spectrum import Spectrum
 
 Array = NDArray[np.float64]
@@ -101,17 +102,12 @@ class LightPart(Protocol):
         ...
 
 
-class WideLight(Protocol):
+class WideLight(InOtherPrograms, Protocol):
     """A light that is no point. what: what people call its kind. visible: whether the camera sees it."""
 
     @property
     def what(self) -> str:
         """Its kind."""
-        ...
-
-    @property
-    def name(self) -> str:
-        """Its name; empty: it has none."""
         ...
 
     @property

@@ -76,3 +76,20 @@ def test_a_spot_is_half_as_bright_at_its_half_angle(power):
     angle = lamp.beam.half_angle()
     assert lamp.relative_intensity([math.sin(angle), 0.0, -math.cos(angle)]) == pytest.approx(0.5, rel=1e-9)
     assert searched == pytest.approx(angle, abs=math.radians(0.1))
+
+
+@pytest.mark.parametrize("power", [0.0, 0.01, 0.5, 1.0, 7.0, 60.0])
+def test_a_cone_in_place_of_a_spot_begins_before_it_ends(power):
+    """As glTF and Mitsuba ask for; its middle is where the spot is half as bright, where the widest cone allows it."""
+    beam = hg.Lamp(PLACE, axis=(0, 0, -1), axis_power=power).beam
+    cone, half = beam.nearest_cone(89.0), math.degrees(beam.half_angle())
+    assert 0.0 <= cone.begins < cone.ends <= 89.0
+    assert half > 85.0 or 0.5 * (cone.begins + cone.ends) == pytest.approx(half)
+
+
+def test_the_spot_of_another_program_is_as_wide_as_the_profile():
+    """A profile that is half as bright at 20°: glTF took each for a spot of 60°, and did not say so."""
+    narrow = hg.LampProfile([0], [0, 20, 40], [[1.0, 0.5, 0.0]])
+    light, lost = hg.Lamp(PLACE, axis=(0, 0, -1), profile=narrow, name="narrow").gltf()
+    assert light.cone is not None and sum(light.cone) / 2 == pytest.approx(math.radians(20.0), abs=1e-3)
+    assert lost == ["lamp 'narrow': its profile; here it is a spot, half as bright at the same angle"]

@@ -115,6 +115,14 @@ def test_what_is_only_seen_is_the_same_light(name):
     assert seen.visible == light.visible and all(part.spectrum.values.any() for part in light.parts)
 
 
+@pytest.mark.parametrize("program", ["mitsuba", "gltf", "usd"])
+@pytest.mark.parametrize("name", LIGHTS)
+def test_other_programs_have_it_or_people_are_told(name, program):
+    form, lost = getattr(LIGHTS[name], program)()
+    assert form is not None or lost
+    assert all(line == line.strip() and len(line) > 10 for line in lost)
+
+
 KINDS = r"hagoromo\.light\.(area_lamp|environment|environment_light|emitting_surface|shapes|beams|surface_emission)\b"
 KNOW_KINDS = {  # each says what a scene consists of, or what its file says
     "image/scene.py", "image/scene_lights.py", "image/emitter_mesh.py", "image/surface.py",

@@ -95,6 +95,12 @@ class Beam(ABC):
         below = np.flatnonzero(self.relative_intensity(around) < 0.5)
         return float(angles[below[0]]) if below.size else math.pi
 
+    def nearest_cone(self, widest: float) -> Cone:
+        """A cone that is half as bright in its middle where the beam is; it ends at `widest` at most [°]."""
+        half = math.degrees(self.half_angle())
+        ends = min(2.0 * half, widest)
+        return Cone(max(min(2.0 * half - ends, 0.99 * ends), 0.0), ends)
+
     def frame(self) -> Array:
         """See `Lamp.frame`."""
         assert self.axis is not None
