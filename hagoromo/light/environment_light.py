@@ -31,7 +31,7 @@ class EnvironmentLight:
         height, width = parts[0].shape
         check_entries(height * (width + 1), "the pixels of the environment")
         light = sum(part.astype(np.float64) for part in parts) * solid[:, None]
-        self.radiance = jit.Float(1)
+        self.radiance: Float = 1.0  # no array: one that lives on would make each kernel another
         self.visible, self.flux = visible, dr.opaque(jit.Float, float(light.sum()))
         rows, columns = shares_before(light.sum(axis=1)), shares_before(light)
         # the density is that of the shares as they are rounded

@@ -17,12 +17,12 @@ class LampLight:
     Whether it is near is a part of the kernel; all else is read from memory. See `LightOnDevice`.
     """
 
+    radiance: Float = 0.0  # its irradiance counts in its place
     visible = False
 
     def __init__(self, lamp: Lamp, intensity: float) -> None:
         """`intensity`: in place of the lamp's own."""
-        self.where, self.radiance = opaque_vector(lamp.place), arrays().Float(0)
-        self.intensity = dr.opaque(arrays().Float, intensity)
+        self.where, self.intensity = opaque_vector(lamp.place), dr.opaque(arrays().Float, intensity)
         self.near, self.beam = lamp.near, lamp.beam.on_device()
 
     def arriving(self, point: Array3f) -> tuple[Array3f, Float, Float]:

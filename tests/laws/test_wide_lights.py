@@ -6,8 +6,9 @@ A new kind joins `LIGHTS`; nothing else here knows kinds.
 import math
 import re
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import drjit as dr
 import numpy as np
 import pytest
 
@@ -113,6 +114,21 @@ def test_what_is_only_seen_is_the_same_light(name):
     seen, whole = light.seen_on_device(), light.on_device()
     assert np.array(seen.radiance).item() == np.array(whole.radiance).item() and seen.visible == whole.visible
     assert seen.visible == light.visible and all(part.spectrum.values.any() for part in light.parts)
+
+
+@pytest.mark.parametrize("name", LIGHTS)
+def test_all_walks_under_it_are_one_kernel(name):
+    """The first look at some walks, and all of them: no light keeps an array that becomes a part of the kernel."""
+    light, floor = LIGHTS[name], hg.Surface.floor(0.0, 1.0, MATTE)
+    place = {"environment": "environment"} | dict.fromkeys(SHAPED, "area_lamps")
+    given: dict[str, Any] = {place[name]: (light,) if name in SHAPED else light} if name in place else {}
+    view = hg.Camera(9, 7, (9.0, 9.0), (4.5, 3.5)).look_at((0.0, -1.0, 0.8), (0.0, 0.0, 0.0))
+    scene = hg.Scene(view, (hg.Lamp((0, 0, 1)),), (), (floor, *(() if given else (GLOWING,))), **given)
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        dr.kernel_history_clear()
+        hg.render(scene, hg.Settings(samples=2), mode="path")
+        walks = [kernel for kernel in dr.kernel_history() if kernel.get("operation_count", 0) > 1000]
+    assert len(walks) == 2 and len({kernel["hash"] for kernel in walks}) == 1
 
 
 @pytest.mark.parametrize("program", ["mitsuba", "gltf", "usd"])
