@@ -156,3 +156,19 @@ def test_march_full_path_and_films_know_no_kind_of_light():
         if re.search(KINDS, line) and not line.endswith("import upsampled")
     }
     assert found == KNOW_KINDS
+
+
+def test_the_page_names_files_and_members_that_there_are():
+    """The part "Add a light" of docs/architecture.md."""
+    home = Path(hagoromo.__file__).parents[1]
+    page = (home / "docs" / "architecture.md").read_text(encoding="utf-8")
+    part = page.split("## Add a light")[1].split("\n## ")[0]
+    paths = set(re.findall(r"`((?:hagoromo|tests)/[\w/]+(?:\.py)?)", part))
+    assert len(paths) > 5 and {path for path in paths if not (home / path).exists()} == set()
+    asked = part.split("| asked for |")[1].split("\n\n")[0].splitlines()[2:]
+    members = {word for row in asked for word in re.findall(r"`(\w+)(?:\(\))?`", row.split("|")[3])}
+    of_device = {"share", "drawn", "met"}
+    assert of_device < members
+    for light in LIGHTS.values():
+        assert {name for name in members - of_device if not hasattr(light, name)} == set()
+        assert {name for name in of_device if not hasattr(light.on_device(), name)} == set()

@@ -1,11 +1,11 @@
 """Beams of near lamps: a file each. The one that a lamp has follows from its keys."""
 
 from hagoromo.light.beams.beam import Beam, BeamKeys
-from hagoromo.light.beams.profile import Profile
-from hagoromo.light.beams.spot import Spot
-from hagoromo.light.beams.uniform import Uniform
+from hagoromo.light.beams.profile import ProfileBeam
+from hagoromo.light.beams.spot import SpotBeam
+from hagoromo.light.beams.uniform import UniformBeam
 
-BEAMS: tuple[type[Beam], ...] = (Profile, Spot, Uniform)
+BEAMS: tuple[type[Beam], ...] = (ProfileBeam, SpotBeam, UniformBeam)
 
 
 def beam_of(keys: BeamKeys) -> Beam:

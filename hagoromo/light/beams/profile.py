@@ -15,7 +15,7 @@ from hagoromo.light.lamp_profile import LampProfile
 CELLS_PER_KNOT = 2  # of the table that finds the interval of an angle, per shortest interval
 
 
-class Profile(Beam):
+class ProfileBeam(Beam):
     """A measured table; axis: (3,) unit, world, its γ = 0. roll: turn of C = 0 about the axis [rad]."""
 
     word = "profile"
@@ -25,7 +25,7 @@ class Profile(Beam):
         self.axis: Array = axis
 
     @classmethod
-    def of(cls, keys: BeamKeys) -> Profile | None:
+    def of(cls, keys: BeamKeys) -> ProfileBeam | None:
         """Of a lamp with a profile, whose axis is then known."""
         return None if keys.profile is None or keys.axis is None else cls(keys.profile, keys.axis, keys.roll)
 

@@ -14,7 +14,7 @@ from hagoromo.light.beams.beam import Array, Beam, BeamKeys
 WIDEST_FOCUS = 0.05  # exponent below which a spot is half as bright at right angles to its axis, nearly
 
 
-class Spot(Beam):
+class SpotBeam(Beam):
     """max(cosθ, 0)^μ, θ the angle from the axis (3,) unit, world."""
 
     word = "spot"
@@ -24,7 +24,7 @@ class Spot(Beam):
         self.focus: float = focus
 
     @classmethod
-    def of(cls, keys: BeamKeys) -> Spot | None:
+    def of(cls, keys: BeamKeys) -> SpotBeam | None:
         """Of a lamp with an axis and no profile."""
         return None if keys.axis is None or keys.profile is not None else cls(keys.axis, keys.axis_power)
 
@@ -55,12 +55,12 @@ class Spot(Beam):
 
 
 class SpotOnDevice:
-    """See `Spot`."""
+    """See `SpotBeam`."""
 
     def __init__(self, axis: Array, power: float) -> None:
         jit = arrays()
         self.axis, self.power = opaque_vector(axis), dr.opaque(jit.Float, power)
-        self.behind = dr.opaque(jit.Float, 0.0**power)  # as in `Spot`: with μ = 0 it shines alike all around
+        self.behind = dr.opaque(jit.Float, 0.0**power)  # as in `SpotBeam`: with μ = 0 it shines alike all around
 
     def __call__(self, to_lamp: Array3f) -> Float:
         """See `BeamOnDevice`."""

@@ -7,13 +7,13 @@ import numpy as np
 from hagoromo.light.beams.beam import Array, Beam, BeamKeys
 
 
-class Uniform(Beam):
+class UniformBeam(Beam):
     """1 in every direction."""
 
     word = "uniform"
 
     @classmethod
-    def of(cls, keys: BeamKeys) -> Uniform:
+    def of(cls, keys: BeamKeys) -> UniformBeam:
         """Whatever the keys."""
         return cls()
 
