@@ -80,7 +80,7 @@ class Control:
 def controls(state: ViewState, first: ViewState, scene: Scene) -> list[Control]:
     """All controls of a state, whose scene is `scene`; first: the state that was opened."""
     found = [*_picture_controls(state, first), *_cut_controls(scene)]
-    for number in range(len(state.tables["lamp"])):
+    for number in range(len(state.lamps)):
         found += _lamp_controls(number, state, first, scene)
     for k, box in enumerate(scene.boxes):
         for m, material in enumerate(box.materials):
