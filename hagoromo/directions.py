@@ -20,6 +20,13 @@ def sunflower(count: int) -> NDArray[np.float64]:
     return np.stack([aside * np.cos(turn), aside * np.sin(turn), z], axis=1)
 
 
+def turned_z_to(direction: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(3, 3): a rotation whose third column is `direction`, unit."""
+    side = np.cross((0.0, 1.0, 0.0) if abs(direction[1]) < 0.9 else (1.0, 0.0, 0.0), direction)
+    side /= np.linalg.norm(side)
+    return np.stack([side, np.cross(direction, side), direction], axis=1)
+
+
 def frame_about(normal: Array3f) -> tuple[Array3f, Array3f, Array3f]:
     """Two unit vectors across a unit `normal` and the normal itself (Duff et al. 2017)."""
     kind = type(normal)

@@ -39,9 +39,9 @@ def lamp_batches(lamps: Sequence[Lamp]) -> list[Batch]:
     return [[number for numbers in batch for number in numbers] for batch in batches]
 
 
-def _kind(lamp: Lamp) -> tuple[bool, bool, bool, bytes]:
+def _kind(lamp: Lamp) -> tuple[bool, str, bytes]:
     """Equal for lamps that are the same code in a kernel."""
-    return lamp.position is None, lamp.axis is None, lamp.profile is None, lamp.spectrum.values.tobytes()
+    return not lamp.near, lamp.beam.word, lamp.spectrum.values.tobytes()
 
 
 class WeightsOfLamps:

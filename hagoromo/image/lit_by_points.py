@@ -1,4 +1,4 @@
-"""Lit by points: a scene whose area lamps and environment are point lamps and far lamps, as the march takes them."""
+"""Lit by points: a scene whose wide lights are point lamps and far lamps, as the march takes them."""
 
 from __future__ import annotations
 
@@ -7,10 +7,9 @@ from typing import Any
 import numpy as np
 
 from hagoromo.errors import InputError
-from hagoromo.image.emitter_mesh import emitters_of
 from hagoromo.image.scene import Scene, check_lamps_outside, check_no_optics
 from hagoromo.image.settings import Settings
-from hagoromo.light.light_points import LightPoints, area_points, emitter_points, environment_points
+from hagoromo.light.light_points import LightPoints
 
 
 def lit_by_points(scene: Scene, settings: Settings) -> tuple[Scene, dict[str, Any]]:
@@ -29,14 +28,8 @@ def lit_by_points(scene: Scene, settings: Settings) -> tuple[Scene, dict[str, An
         )
     corners = np.concatenate([thing.corners() for thing in (*scene.boxes, *scene.surfaces)])
     low, high = corners.min(axis=0), corners.max(axis=0)
-    parts = [area_points(lamp, low, high, settings.tolerance) for lamp in scene.area_lamps]
-    names = [lamp.name or f"area lamp {k + 1}" for k, lamp in enumerate(scene.area_lamps)]
-    if scene.environment is not None:
-        parts.append(environment_points(scene.environment, settings.tolerance))
-        names.append(scene.environment.name)
-    for emitter in emitters_of(scene.surfaces):
-        parts.append(emitter_points(emitter.corners, emitter.emission, low, high, settings.tolerance))
-        names.append(emitter.emission.name)
+    parts = [light.points(low, high, settings.tolerance) for light in scene.wide_lights]
+    names = [light.name or f"{light.what} {number + 1}" for number, light in enumerate(scene.wide_lights)]
     lit = scene.with_lamps(*scene.lamps, *(lamp for part in parts for lamp in part.lamps))
     check_lamps_outside(lit)
     return lit, {"light_points": [_record(name, part) for name, part in zip(names, parts, strict=True)]}

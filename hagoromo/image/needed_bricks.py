@@ -78,14 +78,13 @@ def _shades(lamp: Lamp, centres: Array, radius: float, bounds: tuple[Array, Arra
     Under a near lamp a ball's shadow grows with the distance from the lamp, up to that of the farthest corner.
     """
     low, high = bounds
-    if lamp.position is None:
-        assert lamp.to_lamp is not None
-        onwards, grown = np.broadcast_to(-lamp.to_lamp, centres.shape), np.full(len(centres), radius)
+    if not lamp.near:
+        onwards, grown = np.broadcast_to(-lamp.place, centres.shape), np.full(len(centres), radius)
     else:
-        onwards = centres - lamp.position
+        onwards = centres - lamp.place
         away = np.linalg.norm(onwards, axis=1)
-        corners = np.where(np.abs(low - lamp.position) > np.abs(high - lamp.position), low, high)
-        farthest = float(np.linalg.norm(corners - lamp.position))
+        corners = np.where(np.abs(low - lamp.place) > np.abs(high - lamp.place), low, high)
+        farthest = float(np.linalg.norm(corners - lamp.place))
         grown = radius * np.maximum(farthest / np.maximum(away - radius, 1e-3 * radius), 1.0)
         margin *= max(farthest / max(farthest - float(np.linalg.norm(high - low)), 1e-3 * farthest), 1.0)
     wider = (grown + margin)[:, None]

@@ -18,7 +18,6 @@ from hagoromo.camera.camera import Camera
 from hagoromo.camera.pose import pose_of
 from hagoromo.image.scene import Scene
 from hagoromo.image.surface import Surface
-from hagoromo.light.lamp import Lamp
 from hagoromo.volume.box import VolumeBox
 
 STEP = 2.0**13  # [voxel] in which the origin follows the camera: near it, places are then exact to 2e-4 voxel
@@ -50,7 +49,7 @@ def scene_from(scene: Scene, origin: Origin) -> Scene:
     return replace(
         scene,
         camera=camera_from(scene.camera, origin),
-        lamps=tuple(_lamp(lamp, origin) for lamp in scene.lamps),
+        lamps=tuple(lamp.moved(-origin) for lamp in scene.lamps),
         area_lamps=tuple(lamp.moved(-origin) for lamp in scene.area_lamps),
         boxes=tuple(box.with_pose(_pose(box.pose, origin)) for box in scene.boxes),
         surfaces=tuple(replace(surface, pose=_pose(surface.pose, origin)) for surface in scene.surfaces),
@@ -67,15 +66,11 @@ def depth_of_matter(scene: Scene) -> float:
     """Depth in front of the camera [m] from which on there is matter, or a lamp that is seen; 0 for a camera less than
     FAR sizes of them away.
     """
-    lamps = [lamp.corners() for lamp in scene.area_lamps if lamp.visible]
-    corners = np.concatenate([*lamps, *(thing.corners() for thing in (*scene.boxes, *scene.surfaces))])
+    lights = [light.corners() for light in scene.wide_lights if light.visible]
+    corners = np.concatenate([*lights, *(thing.corners() for thing in (*scene.boxes, *scene.surfaces))])
     depth = corners @ scene.camera.world_to_camera[2, :3] + scene.camera.world_to_camera[2, 3]
     nearest, size = float(depth.min()), float(np.linalg.norm(np.ptp(corners, axis=0)))
     return nearest if nearest > FAR * size else 0.0
-
-
-def _lamp(lamp: Lamp, origin: Origin) -> Lamp:
-    return lamp if lamp.position is None else replace(lamp, position=lamp.position - origin)
 
 
 def _pose(pose: NDArray[np.float64], origin: Origin) -> NDArray[np.float64]:

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from hagoromo.backend import arrays, lookup
 from hagoromo.errors import InputError
-from hagoromo.image.emitter_mesh import emitters_of
 from hagoromo.image.higher_orders import albedos_of, check_matter, warn_of_few_bands
 from hagoromo.image.image import Image
 from hagoromo.image.lamp_batches import Batch, lamp_batches, under_batches
@@ -23,7 +22,7 @@ from hagoromo.image.nesting import Glass
 from hagoromo.image.origin import scene_from
 from hagoromo.image.prepared_scene import PreparedScene, SceneCache, gamma_rows_of
 from hagoromo.image.scene import Scene
-from hagoromo.image.scene_palette import palette_of_scene, reflectances_of
+from hagoromo.image.scene_palette import grouped_lights, palette_of_scene, reflectances_of
 from hagoromo.image.settings import Settings, metadata
 from hagoromo.image.unfinished import RenderInterrupted, sums_of, with_sums
 from hagoromo.image.walk_sums import PixelSums, Stop, WalkSums
@@ -150,9 +149,9 @@ def optics_of(scene: Scene, prepared: PreparedScene, bands: Bands) -> Optics | N
         return None
     glass = Glass(scene.surfaces, prepared.origin)
     things = [("the camera", scene.camera.position)]
-    things += [(f"lamp {lamp.name!r}", lamp.position) for lamp in (*scene.lamps, *scene.area_lamps)]
-    placed = [(what, np.asarray(place, float)) for what, place in things if place is not None]
-    for (what, _), holding in zip(placed, glass.holding(np.array([place for _, place in placed])), strict=True):
+    lights = (*scene.lamps, *scene.wide_lights)
+    things += [(f"lamp {light.name!r}", place) for light in lights for place in light.stands_at]
+    for (what, _), holding in zip(things, glass.holding(np.array([place for _, place in things])), strict=True):
         if holding is not None:
             raise InputError(f"{what} stands within the glass of surface {holding.name!r}: move it out")
     others = sum(len(box.materials) for box in scene.boxes)
@@ -170,14 +169,12 @@ def optics_of(scene: Scene, prepared: PreparedScene, bands: Bands) -> Optics | N
 
 
 def lights_of(scene: Scene, prepared: PreparedScene, rows: GammaRows | None) -> Lights | None:
-    """The area lamps and the environment of a scene for walks; None where it has neither."""
-    if not scene.has_wide_lights:
+    """The lights of a scene for walks; None where it has none but lamps."""
+    placed = grouped_lights(scene_from(scene, prepared.origin), prepared.palette)
+    if not placed:
         return None
-    groups = prepared.palette.lamp_groups[len(scene.lamps) :]
-    placed = scene_from(scene, prepared.origin)
-    emitters = emitters_of(placed.surfaces)
-    lamps, reflectances = prepared.lighting.lamps, reflectances_of(scene)
-    return Lights(lamps, placed.area_lamps, scene.environment, emitters, groups, reflectances, rows)
+    wide = [(light.on_device(), groups) for light, groups in placed]
+    return Lights(prepared.lighting.lamps, wide, reflectances_of(scene), rows)
 
 
 def walks_at_once(stream: WalkStream, pixels: int) -> int:

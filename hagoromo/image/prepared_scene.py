@@ -164,8 +164,7 @@ class PreparedScene:
 def shadow_casters(scene: Scene, settings: Settings) -> tuple[tuple, tuple]:
     """Keys of the medium and of its shadow maps: equal for scenes, counted from their origins, that may share them."""
     boxes = tuple((*_matter(box), box.pose.tobytes()) for box in scene.boxes)
-    places = ((lamp.position is None, lamp.to_lamp if lamp.position is None else lamp.position) for lamp in scene.lamps)
-    lamps = tuple((far, np.asarray(place).tobytes()) for far, place in places)
+    lamps = tuple((lamp.near, lamp.place.tobytes()) for lamp in scene.lamps)
     return (boxes, settings.tolerance), lamps
 
 

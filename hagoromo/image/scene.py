@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -11,12 +12,12 @@ from numpy.typing import NDArray
 
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
-from hagoromo.image.emitter_mesh import emissions_of
+from hagoromo.image.emitter_mesh import emitters_of
 from hagoromo.image.surface import Surface
 from hagoromo.light.area_lamp import AreaLamp
-from hagoromo.light.environment import Environment, EnvironmentPart
+from hagoromo.light.environment import Environment
 from hagoromo.light.lamp import Lamp
-from hagoromo.light.surface_emission import SurfaceEmission
+from hagoromo.light.wide_light import LightPart, WideLight
 from hagoromo.photograph.transforms import record_from_lamp
 from hagoromo.volume.box import VolumeBox
 
@@ -69,37 +70,44 @@ class Scene:
 
     def with_lamps(self, *lamps: Lamp) -> Scene:
         """The same scene under other lamps, and no other light."""
-        return replace(self, lamps=lamps, area_lamps=(), environment=None, surfaces=self._emitting(()))
+        return self._lit_by(lamps, ())
 
-    def _emitting(self, numbers: Sequence[int]) -> tuple[Surface, ...]:
-        """The surfaces, of which some give off light."""
-        if not any(surface.emission for surface in self.surfaces):
-            return self.surfaces
-        return tuple(s if k in numbers else s.without_emission() for k, s in enumerate(self.surfaces))
+    def _lit_by(self, lamps: Sequence[Lamp], wide: Sequence[WideLight]) -> Scene:
+        """The same scene under lamps and some of its own `wide_lights`."""
+        glowing = {light.surface for light in wide}
+        return replace(
+            self,
+            lamps=tuple(lamps),
+            area_lamps=tuple(lamp for lamp in self.area_lamps if lamp in wide),
+            environment=self.environment if self.environment in wide else None,
+            surfaces=tuple(
+                surface if surface.emission is None or number in glowing else surface.without_emission()
+                for number, surface in enumerate(self.surfaces)
+            ),
+        )
 
     @property
-    def lights(self) -> tuple[Lamp | AreaLamp | EnvironmentPart | SurfaceEmission, ...]:
-        """Lamps, area lamps, parts of the environment, then lights of surfaces, as a palette orders them."""
-        parts = self.environment.parts if self.environment else ()
-        return *self.lamps, *self.area_lamps, *parts, *emissions_of(self.surfaces)
+    def wide_lights(self) -> tuple[WideLight, ...]:
+        """Lights beside lamps: area lamps, the environment, surfaces that give off light."""
+        environment = (self.environment,) if self.environment else ()
+        return *self.area_lamps, *environment, *emitters_of(self.surfaces)
 
     @property
     def has_wide_lights(self) -> bool:
         """Whether there are lights beside lamps."""
-        return len(self.lights) > len(self.lamps)
+        return bool(self.wide_lights)
+
+    @property
+    def lights(self) -> tuple[LightPart, ...]:
+        """Lamps, then the parts of wide lights, as a palette orders them."""
+        return *self.lamps, *(part for light in self.wide_lights for part in light.parts)
 
     def under(self, numbers: Sequence[int]) -> Scene:
-        """The same scene under some of its `lights`, by their numbers; of an environment all parts or none."""
-        lamps, end = len(self.lamps), len(self.lamps) + len(self.area_lamps)
-        behind = end + (len(self.environment.parts) if self.environment else 0)
-        emitting = [k for k, surface in enumerate(self.surfaces) if surface.emission is not None]
-        return replace(
-            self,
-            lamps=tuple(self.lamps[k] for k in numbers if k < lamps),
-            area_lamps=tuple(self.area_lamps[k - lamps] for k in numbers if lamps <= k < end),
-            environment=self.environment if any(end <= k < behind for k in numbers) else None,
-            surfaces=self._emitting([emitting[k - behind] for k in numbers if k >= behind]),
-        )
+        """The same scene under some of its `lights`, by their numbers; of a light in parts all of them or none."""
+        owners = [light for light in self.wide_lights for _ in light.parts]
+        first = len(self.lamps)
+        wide = [owners[number - first] for number in numbers if number >= first]
+        return self._lit_by([self.lamps[number] for number in numbers if number < first], wide)
 
     def matter_corners(self) -> NDArray[np.float64]:
         """(n, 3) corners of the bounds of the volume boxes, world [m]; of the surfaces where there is no box.
@@ -161,9 +169,9 @@ def check_no_optics(scene: Scene) -> None:
 def check_lamps_outside(scene: Scene) -> None:
     """`InputError` for a lamp inside a volume box, whose light the march does not follow."""
     for number, lamp in enumerate(scene.lamps):
-        for box in scene.boxes:
-            if lamp.position is not None and box.contains(lamp.position):
-                where = ", ".join(f"{x:g}" for x in lamp.position)
+        for box, place in product(scene.boxes, lamp.stands_at):
+            if box.contains(place):
+                where = ", ".join(f"{x:g}" for x in place)
                 raise InputError(
                     f"lamp {lamp.name or number} stands inside the volume box {box.name!r} ({where} m): move it out, "
                     f"or render by mode path"

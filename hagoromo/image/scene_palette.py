@@ -5,6 +5,7 @@ from __future__ import annotations
 from hagoromo.image.scene import Scene
 from hagoromo.image.settings import Settings
 from hagoromo.light.spectrum import Spectrum
+from hagoromo.light.wide_light import WideLight
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.transport.film import tile_order as tile_order
 from hagoromo.transport.palette import Palette, palette_of
@@ -23,6 +24,16 @@ def bases_of(scene: Scene) -> list[Spectrum]:
         for thing in (*(box.basis for box in scene.boxes), *(t.spectra for t in textures))
         for spectrum in thing
     ]
+
+
+def grouped_lights(scene: Scene, palette: Palette) -> list[tuple[WideLight, tuple[int, ...]]]:
+    """The wide lights of a scene, each with the groups of its parts in a palette of the scene's lights."""
+    first, pairs = len(scene.lamps), []
+    for light in scene.wide_lights:
+        last = first + len(light.parts)
+        pairs.append((light, tuple(palette.lamp_groups[first:last])))
+        first = last
+    return pairs
 
 
 def palette_of_scene(scene: Scene, settings: Settings) -> Palette:

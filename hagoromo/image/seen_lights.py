@@ -1,38 +1,37 @@
 """Seen lights: the lights that the camera sees themselves, in pictures of the march and of full.
 
-Area lamps and environments are seen where they are `visible`, surfaces that give off light always, through the matter
-in front of them. Their light has the spectrum of the lamp: it is kept in the bands of higher orders, as in mode path,
-or in one band for all wavelengths.
+A light is seen where it is `visible`, through the matter in front of it. Its light has the spectrum of the lamp: it is
+kept in the bands of higher orders, as in mode path, or in one band for all wavelengths.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import drjit as dr
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.backend import Array3f, Float, arrays
-from hagoromo.image.emitter_mesh import emitters_of
+from hagoromo.backend import Array3f, Float, UInt, arrays
 from hagoromo.image.image import Image
 from hagoromo.image.origin import depth_of_matter, scene_from
 from hagoromo.image.prepared_scene import PreparedScene, SceneCache
 from hagoromo.image.scene import Scene
-from hagoromo.image.scene_palette import palette_of_scene
+from hagoromo.image.scene_palette import grouped_lights, palette_of_scene
 from hagoromo.image.settings import Settings
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
+from hagoromo.light.wide_light import LightMet
 from hagoromo.transport.film import Film
 from hagoromo.transport.march import optical_depth
-from hagoromo.transport.path.environment_light import EnvironmentLight
+from hagoromo.transport.path.lights import front_of
 
 
 def camera_sees_lights(scene: Scene) -> bool:
     """Whether a light of a scene may be seen itself."""
-    visible = any(lamp.visible for lamp in scene.area_lamps) or any(surface.emission for surface in scene.surfaces)
-    return visible or (scene.environment is not None and scene.environment.visible)
+    return any(light.visible for light in scene.wide_lights)
 
 
 def with_seen_lights(
@@ -60,6 +59,14 @@ def with_light(image: Image, seen: NDArray[np.float32]) -> Image:
     return replace(image, weights=weights.reshape(*image.alpha.shape, -1), palette=palette)
 
 
+class _RayEnd(NamedTuple):
+    """See `RayEnd`."""
+
+    distance: Float
+    face: Array3f
+    front: UInt
+
+
 class SeenLights:
     """The lights of a scene that its camera sees, along its rays; `film` is theirs.
 
@@ -72,17 +79,9 @@ class SeenLights:
         unlit = scene.with_lamps(Lamp(to_lamp=(0.0, 0.0, 1.0)))
         self.prepared = PreparedScene(unlit, replace(settings, shadows="none"), cache, stride)
         palette = palette_of_scene(scene, replace(settings, separate_lamps=False))
-        placed, groups = scene_from(scene, self.prepared.origin), list(palette.lamp_groups[len(scene.lamps) :])
-        self.groups, areas = len(palette.lamps), zip(placed.area_lamps, groups, strict=False)
-        self.areas = [(lamp.on_device(), group) for lamp, group in areas if lamp.visible]
-        groups = groups[len(scene.area_lamps) :]
-        seen = scene.environment is not None and scene.environment.visible
-        self.environment = EnvironmentLight(scene.environment) if scene.environment and seen else None
-        parts = len(scene.environment.parts) if scene.environment else 0
-        self.parts = groups[:parts]
-        self.emitters = [
-            (emitter.surface, dr.opaque(arrays().Float, emitter.emission.radiance), group)
-            for emitter, group in zip(emitters_of(placed.surfaces), groups[parts:], strict=True)
+        placed, self.groups = scene_from(scene, self.prepared.origin), len(palette.lamps)
+        self.lights = [
+            (light.seen_on_device(), groups) for light, groups in grouped_lights(placed, palette) if light.visible
         ]
         self.film = Film(self.prepared.camera, self.groups, stride, depth_of_matter(placed), rays)
 
@@ -93,25 +92,22 @@ class SeenLights:
         if prepared.cut is not None:
             begin, end = prepared.cut.span(origin, direction)
             origin = dr.fma(direction, begin, origin)
+        ray_end = _RayEnd(end, jit.Array3f(0.0), jit.UInt(0))
+        if prepared.surfaces:
+            hit = prepared.surfaces.hit(origin, direction)
+            front = dr.select(hit.distance < end, front_of(hit), jit.UInt(0))
+            ray_end = _RayEnd(dr.minimum(end, hit.distance), hit.flat, front)
         light = [dr.zeros(jit.Float, dr.width(direction)) for _ in range(self.groups)]
-        hit = prepared.surfaces.hit(origin, direction) if prepared.surfaces else None
-        if hit is not None:
-            seen = hit.distance < end
-            end = dr.minimum(end, hit.distance)
-            for surface, radiance, group in self.emitters:
-                here = seen & hit.front & (hit.surface == surface)
-                light[group] = light[group] + dr.select(here, radiance, 0.0)
-        if self.environment is not None:
-            parts = self.environment.radiance_of(self.environment.pixel(direction))
-            for radiance, group in zip(parts, self.parts, strict=True):
-                light[group] = light[group] + dr.select(dr.isinf(end), radiance, 0.0)
-        passed = self._passed(origin, direction, end)
+        met = [(*pair, pair[0].met(origin, direction, ray_end)) for pair in self.lights]
+        for source, groups, one in met:
+            if one is not None and one.distance is None:
+                _add(light, groups, source.radiance, one)
+        passed = self._passed(origin, direction, ray_end.distance)
         light = [each * passed for each in light]
-        for area, group in self.areas:
-            there, distance, _ = area.seen(origin, direction)
-            there &= distance < end
-            passed = self._passed(origin, direction, dr.select(there, distance, 0.0))
-            light[group] = light[group] + dr.select(there, area.radiance * passed, 0.0)
+        for source, groups, one in met:
+            if one is not None and one.distance is not None:
+                passed = self._passed(origin, direction, dr.select(one.there, one.distance, 0.0))
+                _add(light, groups, source.radiance * passed, one)
         return light, dr.zeros(jit.Float, dr.width(direction))
 
     def _passed(self, origin: Array3f, direction: Array3f, distance: Float) -> Float:
@@ -119,3 +115,9 @@ class SeenLights:
         if self.prepared.medium is None:
             return arrays().Float(1)
         return dr.exp(-optical_depth(self.prepared.medium, origin, direction, arrays().Float(0), distance))
+
+
+def _add(light: list[Float], groups: Sequence[int], radiance: Float, met: LightMet) -> None:
+    """Add what is met of a light to the radiance of its groups; radiance: of a tint of 1, as it arrives."""
+    for group, tint in zip(groups, met.tints, strict=True):
+        light[group] = light[group] + dr.select(met.there, radiance * tint, 0.0)

@@ -9,6 +9,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hagoromo.errors import InputError
+from hagoromo.light.lamp import Lamp
+from hagoromo.light.light_points import (
+    COUNTS,
+    FINE,
+    LightPoints,
+    PointSources,
+    error_of_points,
+    light_at,
+    probes_between,
+)
+from hagoromo.light.other_programs import MitsubaPlugin, UsdLight, at
 from hagoromo.light.shapes import shape_of
 from hagoromo.light.shapes.lamp_shape import AreaLight, LampShape
 from hagoromo.light.shapes.rectangle import Rectangle
@@ -38,6 +49,8 @@ class AreaLamp:
     spectrum: Spectrum
     name: str
     visible: bool
+    what = "area lamp"
+    surface = None
 
     def __init__(
         self,
@@ -90,6 +103,16 @@ class AreaLamp:
         """Area that shines [m²]."""
         return self.shape.area
 
+    @property
+    def parts(self) -> tuple[AreaLamp]:
+        """See `WideLight`: itself."""
+        return (self,)
+
+    @property
+    def stands_at(self) -> NDArray[np.float64]:
+        """(1, 3) its middle [m], world."""
+        return self.position[None]
+
     def corners(self) -> NDArray[np.float64]:
         """(n, 3) places whose bounds hold the lamp [m], world."""
         return self.position + self.shape.corners()
@@ -99,9 +122,56 @@ class AreaLamp:
         other = {key: getattr(self, key) for key in ("radiance", "spectrum", "name", "visible")}
         return AreaLamp(self.position + np.asarray(by), **self._keys(), **other)
 
+    def points(self, low: NDArray[np.float64], high: NDArray[np.float64], tolerance: float) -> LightPoints:
+        """Point lamps in its place, see `WideLight`: as many as keep the error within the tolerance."""
+        probes = probes_between(low, high)
+        whole = self.sources(FINE)
+        truth = [light_at(probe, whole) for probe in probes]
+        for count in COUNTS:
+            few = self.sources(count)
+            error = error_of_points(few, truth, probes)
+            if error <= tolerance:
+                break
+        return LightPoints(self.point_lamps(few), len(few.places), error)
+
+    def sources(self, count: int) -> PointSources:
+        """`count` point sources, all alike, spread over it."""
+        places, axes = self.shape.points(count)
+        area = self.shape.far_area if axes is None else self.area
+        return PointSources(self.position + places, axes, np.full(count, self.radiance * area / count))
+
+    def point_lamps(self, sources: PointSources) -> list[Lamp]:
+        """Point sources as lamps of its spectrum and name."""
+        axes = [None] * len(sources.places) if sources.axes is None else sources.axes
+        return [
+            Lamp(place, intensity=float(strength), spectrum=self.spectrum, name=self.name, axis=axis)
+            for place, axis, strength in zip(sources.places, axes, sources.strengths, strict=True)
+        ]
+
     def on_device(self) -> AreaLight:
-        """Its light, for walks; its position counts from the origin of the scene."""
+        """Its light in kernels; its position counts from the origin of the scene."""
         return self.shape.on_device(self.position, self.radiance, self.visible)
+
+    def seen_on_device(self) -> AreaLight:
+        """See `WideLight`."""
+        return self.on_device()
+
+    def mitsuba(self) -> tuple[MitsubaPlugin, list[str]]:
+        """A black shape with an area emitter."""
+        dark = MitsubaPlugin("bsdf", "diffuse", {"reflectance": Spectrum.constant(0.0)})
+        light = MitsubaPlugin("emitter", "area", {"radiance": self.spectrum * self.radiance})
+        kind, values = self.shape.mitsuba(self.position)
+        lost = ["area lamps hide what is behind them: Mitsuba's are bodies"]
+        return MitsubaPlugin("shape", kind, values, (dark, light)), lost
+
+    def gltf(self) -> tuple[None, list[str]]:
+        """None: lights of glTF have no size."""
+        return None, [f"area lamp {self.name!r}" if self.name else "area lamps without a name"]
+
+    def usd(self) -> tuple[UsdLight, list[str]]:
+        """The light of its shape."""
+        kind, axes, inputs = self.shape.usd()
+        return UsdLight(kind, at(self.position, axes), self.spectrum, self.radiance, inputs), []
 
     def record(self) -> dict[str, object]:
         """The lamp as plain values, as a scene file states it."""

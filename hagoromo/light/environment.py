@@ -9,7 +9,7 @@ positive, and the first part is white.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple
@@ -18,15 +18,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hagoromo.errors import InputError
-from hagoromo.files.checks import existing_file
-from hagoromo.files.exr import read_exr
-from hagoromo.files.hdr import STARTS, read_hdr
-from hagoromo.files.memory import require
+from hagoromo.light.environment_light import EnvironmentLight
+from hagoromo.light.environment_map import checked_map, read_map
+from hagoromo.light.lamp import Lamp
+from hagoromo.light.light_points import LightPoints
+from hagoromo.light.median_cut import FEWEST_ROWS, cut_light
+from hagoromo.light.other_programs import MitsubaPlugin, UsdLight
 from hagoromo.light.spectrum import Spectrum, checked_spectrum
 
 LARGEST_RADIANCE = 1e15
 SAME_COLOUR = 1e-6  # of the brightest channel, within which all pixels have one colour
-BYTES_PER_PIXEL = 96.0  # of the tables by which a map is sampled
+LEAST_ROWS = 256  # of a map for Mitsuba, whose pixels stand as 2 × 2 or more, as it interpolates
+FROM_MITSUBA = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])  # axes of our map from those of `envmap`
 PARTS = ("white", "red", "green", "blue")
 
 
@@ -60,6 +63,8 @@ class Environment:
     rotation: NDArray[np.float64]
     visible: bool
     name: str
+    what = "environment"
+    surface = None
 
     def __init__(
         self,
@@ -72,7 +77,7 @@ class Environment:
     ) -> None:
         keep = object.__setattr__
         keep(self, "name", name or "environment")
-        keep(self, "values", _map(values, self.name))
+        keep(self, "values", checked_map(values, self.name))
         if not (np.isfinite(scale) and scale > 0.0):
             raise InputError(f"{self.name}: scale is {scale!r:.60}: give a finite number above 0")
         if not float(self.values.max()) * scale <= LARGEST_RADIANCE:
@@ -107,7 +112,7 @@ class Environment:
         """
         name = name or Path(path).stem
         try:
-            return cls(_read(path), scale, spectrum, rotation, visible, name)
+            return cls(read_map(path), scale, spectrum, rotation, visible, name)
         except InputError as error:
             raise InputError(str(error) if str(path) in str(error) else f"{path}: {error}") from error
 
@@ -116,9 +121,13 @@ class Environment:
         height, width = self.values.shape[:2]
         return f"Environment({self.name!r}, {width} × {height} px, scale {self.scale:g})"
 
-    @cached_property
+    @property
     def parts(self) -> tuple[EnvironmentPart, ...]:
         """The map as a sum of maps of one spectrum each; one of them where all pixels have one colour."""
+        return self._parts
+
+    @cached_property
+    def _parts(self) -> tuple[EnvironmentPart, ...]:
         if self.values.ndim == 2:
             return (EnvironmentPart(self.name, self.spectrum, np.float32(self.scale) * self.values),)
         brightest = self.values.max(axis=2)
@@ -164,6 +173,75 @@ class Environment:
         row, column = self.pixels(directions)
         return np.stack([part.radiance[row, column] for part in self.parts], axis=-1).astype(np.float64)
 
+    @property
+    def stands_at(self) -> NDArray[np.float64]:
+        """(0, 3): it is far."""
+        return np.empty((0, 3))
+
+    def corners(self) -> NDArray[np.float64]:
+        """(0, 3): it is far."""
+        return np.empty((0, 3))
+
+    def points(self, low: NDArray[np.float64], high: NDArray[np.float64], tolerance: float) -> LightPoints:
+        """Far lamps in its place, those of its parts together at each; see `WideLight`. They do not depend on where
+        the matter is.
+        """
+        cut = self._with_cut_pixels()
+        height, width = cut.values.shape[:2]
+        light = np.stack([part.radiance for part in cut.parts], axis=-1) * cut.solid_angles[:, None, None]
+        rows, columns = np.meshgrid(np.arange(height) + 0.5, np.arange(width) + 0.5, indexing="ij")
+        ways, irradiances, error = cut_light(cut.directions(rows, columns), light, tolerance)
+        lamps = [
+            Lamp(to_lamp=way, intensity=float(irradiance), spectrum=part.spectrum, name=part.name)
+            for way, each in zip(ways, irradiances, strict=True)
+            for part, irradiance in zip(self.parts, each, strict=True)
+        ]
+        return LightPoints(lamps, len(ways), error)
+
+    def _with_cut_pixels(self) -> Environment:
+        """The same light as a map of FEWEST_ROWS or more, by cutting each pixel in equal parts."""
+        parts = -(-FEWEST_ROWS // self.values.shape[0])
+        if parts == 1:
+            return self
+        return replace(self, values=self.values.repeat(parts, axis=0).repeat(parts, axis=1))
+
+    def on_device(self) -> EnvironmentLight:
+        """Its light in kernels."""
+        return EnvironmentLight([part.radiance for part in self.parts], self.solid_angles, self.rotation, self.visible)
+
+    def seen_on_device(self) -> EnvironmentLight:
+        """See `WideLight`."""
+        return self.on_device()
+
+    def mitsuba(self) -> tuple[MitsubaPlugin, list[str]]:
+        """The map, of one colour or of R, G, B as they are."""
+        values = self.values[..., None] if self.values.ndim == 2 else self.values
+        times = max(2, math.ceil(LEAST_ROWS / values.shape[0]))
+        values = np.repeat(np.repeat(values, times, axis=0), times, axis=1)
+        tint = self.spectrum
+        scale = self.scale * (float(tint.values[0]) if np.ptp(tint.values) == 0.0 else tint.mean())
+        channels = {c: np.ascontiguousarray(values[..., k if values.shape[2] == 3 else 0]) for k, c in enumerate("RGB")}
+        pose = np.eye(4)
+        pose[:3, :3] = self.rotation @ FROM_MITSUBA
+        stated = {"filename": "environment.exr", "scale": scale, "to_world": pose}
+        return MitsubaPlugin("emitter", "envmap", stated, maps={"environment.exr": channels}), [
+            "the edges between pixels of the environment: Mitsuba interpolates; each pixel stands as 2 × 2 or more",
+            "the spectrum of the environment: in spectral variants Mitsuba takes white for D65",
+        ]
+
+    def gltf(self) -> tuple[None, list[str]]:
+        """None: glTF has lights of a place or a direction."""
+        return None, ["the environment"]
+
+    def usd(self) -> tuple[UsdLight, list[str]]:
+        """The mean over the sphere, from all around: rows of the map are as wide as the sine says."""
+        rows = np.reshape(self.values.mean(axis=1), (len(self.values), -1))
+        weights = np.sin(np.pi * (np.arange(len(rows)) + 0.5) / len(rows))
+        mean = weights @ rows / weights.sum() * np.ones(3)
+        lost = ["the map of the environment, of which the mean shines from all around"]
+        light = UsdLight("DomeLight", np.eye(4), self.spectrum, self.scale * mean, {})
+        return light, lost if np.ptp(self.values) > 0.0 else []
+
     def record(self) -> dict[str, object]:
         """What metadata say of it: not the map itself."""
         height, width = self.values.shape[:2]
@@ -183,44 +261,3 @@ def upsampled(rgb: ArrayLike) -> Spectrum:
     basis = colour.recovery.MSDS_BASIS_FUNCTIONS_sRGB_MALLETT2019
     values = basis.values / basis.values.sum(axis=1, keepdims=True)  # as printed they add up to 1 to five digits
     return Spectrum(basis.wavelengths, values @ np.asarray(rgb, np.float64)).held(360.0, 830.0)
-
-
-def _read(path: str | Path) -> NDArray[np.float32]:
-    """(height, width[, 3]) of a file."""
-    with existing_file(path).open("rb") as file:
-        start = file.read(max(map(len, STARTS)))
-    if start.startswith(STARTS):
-        return read_hdr(path)
-    channels, _ = read_exr(path)
-    if all(name in channels for name in "RGB"):
-        return np.stack([channels[name] for name in "RGB"], axis=-1)
-    if "Y" in channels:
-        return channels["Y"]
-    raise InputError(f"{path} has the channels {', '.join(channels)[:80]}: an environment has R, G and B, or Y")
-
-
-def _map(values: ArrayLike, name: str) -> NDArray[np.float32]:
-    try:
-        given = np.asarray(values)
-        shape = given.shape
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{name}: the map must hold numbers") from error
-    if len(shape) not in (2, 3) or shape[1] != 2 * shape[0] or shape[0] < 1 or shape[2:] not in ((), (3,)):
-        size = " × ".join(str(side) for side in (*shape[1::-1], *shape[2:]))
-        raise InputError(f"{name} is {size}: give a map twice as wide as high, of one number or R, G, B a pixel")
-    require(BYTES_PER_PIXEL * shape[0] * shape[1], f"{name}, a map of {shape[1]} × {shape[0]} pixels,")
-    with np.errstate(over="ignore"):
-        try:
-            light = np.array(given, np.float32)
-        except (TypeError, ValueError) as error:
-            raise InputError(f"{name}: the map must hold numbers") from error
-    for wrong, what in ((~np.isfinite(light), "that is not finite"), (light < 0.0, "below 0")):
-        if wrong.any():
-            row, column = np.argwhere(wrong)[0][:2]
-            raise InputError(
-                f"{name} has light {what} in {int(wrong.sum())} values, first in row {row}, column {column}: correct it"
-            )
-    if not light.any():
-        raise InputError(f"{name} has no light in any pixel: give a map that has some, or leave it out")
-    light.flags.writeable = False
-    return light

@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hagoromo.directions import turned_z_to
 from hagoromo.errors import InputError
+from hagoromo.light.beams import beam_of
+from hagoromo.light.beams.beam import Beam, BeamKeys, frame_about
 from hagoromo.light.lamp_profile import LampProfile
+from hagoromo.light.other_programs import GltfLight, MitsubaPlugin, UsdLight, at
 from hagoromo.light.spectrum import Spectrum, checked_spectrum
 
+WIDEST_BEAM = 89.0  # [°] of a spot of Mitsuba
+WIDEST_CONE = 89.94  # [°] of one of glTF
+POINT = 0.005  # [m] radius by which programs of USD show a lamp without size
 DOWN = np.array([0.0, 0.0, -1.0])  # world: the axis of a lamp with a profile that states none
 
 
@@ -91,12 +100,38 @@ class Lamp:
 
     def __repr__(self) -> str:
         """The name, where the light comes from, how strong it is, and its axis."""
-        near = self.position is not None
-        place = ", ".join(f"{x:.4g}" for x in (self.position if near else self.to_lamp))  # type: ignore[union-attr]
-        where = f"position ({place}) m" if near else f"to_lamp ({place})"
+        place = ", ".join(f"{x:.4g}" for x in self.place)
+        where = f"{self.place_key} ({place})" + (" m" if self.near else "")
         axis = "" if self.axis is None else f", axis ({', '.join(f'{x:.4g}' for x in self.axis)})"
         profile = "" if self.profile is None else f", profile {self.profile.name!r}"
         return f"Lamp({self.name!r}, {where}, intensity {self.intensity}{axis}{profile})"
+
+    @property
+    def near(self) -> bool:
+        """Whether it has a position."""
+        return self.position is not None
+
+    @property
+    def place_key(self) -> str:
+        """The key of files that says where its light comes from: position or to_lamp."""
+        return "to_lamp" if self.position is None else "position"
+
+    @property
+    def place(self) -> NDArray[np.float64]:
+        """(3,) its position [m], or the direction towards it, world."""
+        place = self.to_lamp if self.position is None else self.position
+        assert place is not None
+        return place
+
+    @property
+    def stands_at(self) -> NDArray[np.float64]:
+        """(n, 3) places where it stands [m], world: none of a far lamp."""
+        return np.empty((0, 3)) if self.position is None else self.position[None]
+
+    @cached_property
+    def beam(self) -> Beam:
+        """How a near lamp shines in its directions, see `hagoromo.light.beams`."""
+        return beam_of(BeamKeys(self.axis, self.axis_power, self.profile, self.roll))
 
     @property
     def frame(self) -> NDArray[np.float64]:
@@ -107,22 +142,11 @@ class Lamp:
         """
         if self.axis is None:
             raise InputError(f"lamp {self.name!r} has no axis: give one")
-        turn = np.diag([1.0, -1.0, -1.0])
-        if self.axis[2] < 1.0 - 1e-12:  # Rodrigues' rotation of −z to the axis, of sine w and cosine −axis z
-            w = np.cross(DOWN, self.axis)
-            across = np.array([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]])
-            turn = np.eye(3) + across + across @ across / (1.0 - self.axis[2])
-        (c, s), (first, second) = (np.cos(self.roll), np.sin(self.roll)), turn.T[:2]
-        return np.stack([c * first + s * second, c * second - s * first, self.axis])
+        return frame_about(self.axis, self.roll)
 
     def relative_intensity(self, directions: ArrayLike) -> NDArray[np.float64]:
         """Intensity in the unit `directions` (..., 3) away from a point lamp, relative to the brightest: (...)."""
-        directions = np.asarray(directions, np.float64)
-        if self.profile is not None:
-            return self.profile.towards(directions, self.frame)
-        if self.axis is None:
-            return np.ones(directions.shape[:-1])
-        return np.maximum(directions @ self.axis, 0.0) ** self.axis_power
+        return self.beam.relative_intensity(np.asarray(directions, np.float64))
 
     def direction_and_irradiance(self, points: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Unit directions to the lamp (..., 3) and irradiance facing the lamp at `points` (..., 3) [m].
@@ -150,14 +174,68 @@ class Lamp:
         to_lamp = None if self.to_lamp is None else self.to_lamp + np.asarray(by)
         return replace(self, position=position, to_lamp=to_lamp)
 
+    def moved(self, by: ArrayLike) -> Lamp:
+        """The lamp with `by` (3,) added to its position [m]; a far one as it is."""
+        return self if self.position is None else replace(self, position=self.position + np.asarray(by))
+
+    def turned_record(self, turn: NDArray[np.float64], middle: NDArray[np.float64]) -> dict[str, Any]:
+        """The keys that change when it is turned by a rotation (3, 3) about `middle` (3,) [m], as plain values."""
+        if self.position is None:
+            return {self.place_key: (turn @ self.place).tolist()}
+        return {self.place_key: (turn @ (self.place - middle) + middle).tolist(), **self.beam.turned_record(turn)}
+
+    def mitsuba(self) -> tuple[MitsubaPlugin, list[str]]:
+        """A directional, point or spot emitter."""
+        light, lost = self.spectrum * float(np.mean(self.intensity)), self._lost_channels()
+        if self.position is None:
+            return MitsubaPlugin("emitter", "directional", {"direction": -self.place, "irradiance": light}), lost
+        if self.beam.axis is None:
+            return MitsubaPlugin("emitter", "point", {"position": self.position, "intensity": light}), lost
+        cone = self.beam.cone()
+        if cone is None:
+            lost = [f"lamp {self.name!r}: its fall-off or profile; here it falls linearly, as a spot", *lost]
+        begins, ends = cone or self.beam.nearest_cone(WIDEST_BEAM)
+        place = {"to_world": at(self.position, turned_z_to(self.beam.axis))}
+        return MitsubaPlugin("emitter", "spot", {
+            **place, "intensity": light, "cutoff_angle": ends, "beam_width": begins,
+        }), lost  # fmt: skip
+
+    def gltf(self) -> tuple[GltfLight, list[str]]:
+        """A directional, point or spot light."""
+        strength, lost, axis = float(np.mean(self.intensity)), self._lost_channels(), self.beam.axis
+        if self.position is None:
+            return GltfLight("directional", at(np.zeros(3), turned_z_to(self.place)), self.spectrum, strength), lost
+        if axis is None:
+            return GltfLight("point", at(self.position), self.spectrum, strength), lost
+        if self.beam.focus is None:
+            lost = [f"lamp {self.name!r}: its profile; here it is a spot, half as bright at the same angle", *lost]
+        begins, ends = np.radians(self.beam.nearest_cone(WIDEST_CONE)).tolist()
+        place = at(self.position, turned_z_to(-axis))
+        return GltfLight("spot", place, self.spectrum, strength, (begins, ends)), lost
+
+    def usd(self) -> tuple[UsdLight, list[str]]:
+        """Far: lux of a lamp without size. Near: a sphere as a point, of 4 I by its area."""
+        strength, lost, axis = float(np.mean(self.intensity)), self._lost_channels(), self.beam.axis
+        if self.position is None:
+            place = at(np.zeros(3), turned_z_to(self.place))
+            return UsdLight("DistantLight", place, self.spectrum, strength, {"angle": 0.0}), lost
+        if axis is not None and self.beam.focus is None:
+            lost = [f"lamp {self.name!r}: its profile; it shines alike all around", *lost]
+        place = at(self.position, None if axis is None else turned_z_to(-axis))
+        inputs = {"radius": POINT, "normalize": True}
+        return UsdLight("SphereLight", place, self.spectrum, 4.0 * strength, inputs, True, self.beam.focus), lost
+
+    def _lost_channels(self) -> list[str]:
+        """What all formats lose of a lamp with an intensity per channel."""
+        by_channel = isinstance(self.intensity, tuple)
+        return [f"lamp {self.name!r}: its intensity by channel, of which the mean stands"] if by_channel else []
+
 
 def by_place(lamps: Sequence[Lamp]) -> list[list[int]]:
     """Numbers of the lamps, those together that stand at one place and shine alike in their directions."""
-    places: dict[tuple[bytes | float | int | None, ...], list[int]] = {}
+    places: dict[Hashable, list[int]] = {}
     for number, lamp in enumerate(lamps):
-        vectors = (None if v is None else v.tobytes() for v in (lamp.position, lamp.to_lamp, lamp.axis))
-        profile = None if lamp.profile is None else id(lamp.profile)
-        places.setdefault((*vectors, lamp.axis_power, profile, lamp.roll), []).append(number)
+        places.setdefault((lamp.near, lamp.place.tobytes(), lamp.beam.key), []).append(number)
     return list(places.values())
 
 

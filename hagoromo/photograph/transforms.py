@@ -176,24 +176,13 @@ def lamp_from_record(record: Any, folder: Path, where: str) -> Lamp:
 
 def record_from_lamp(lamp: Lamp) -> dict[str, Any]:
     """Record of a lamp, the inverse of `lamp_from_record`."""
-    place = {"to_lamp": lamp.to_lamp} if lamp.position is None else {"position": lamp.position}
     return {
-        **{key: None if vector is None else vector.tolist() for key, vector in place.items()},
+        lamp.place_key: lamp.place.tolist(),
         "intensity": list(lamp.intensity) if isinstance(lamp.intensity, tuple) else lamp.intensity,
         "spectrum": lamp.spectrum.record(),
         "name": lamp.name,
-        **_axis_record(lamp),
+        **lamp.beam.record(),
     }
-
-
-def _axis_record(lamp: Lamp) -> dict[str, Any]:
-    """Keys of a lamp that is brighter in some directions."""
-    if lamp.axis is None:
-        return {}
-    axis = {"axis": lamp.axis.tolist()}
-    if lamp.profile is None:
-        return {**axis, "axis_power": lamp.axis_power}
-    return {**axis, "roll_deg": math.degrees(lamp.roll), "profile": lamp.profile.record()}
 
 
 def lamps_of_frame(frame: FrameRecord, lamps: Sequence[Lamp], where: str) -> tuple[Lamp, ...]:

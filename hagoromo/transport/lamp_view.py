@@ -99,14 +99,13 @@ def view_from(lamp: Lamp, corners: np.ndarray) -> LampView:
     """The view of a lamp that covers the world points `corners` (n, 3)."""
     middle = corners.mean(axis=0)
     radius = float(np.linalg.norm(corners - middle, axis=1).max())
-    if lamp.position is None:
-        assert lamp.to_lamp is not None
-        axes = _axes(-lamp.to_lamp)
+    if not lamp.near:
+        axes = _axes(-lamp.place)
         extent = 1.01 * np.abs((corners - middle) @ axes[:2].T).max()
         return LampView("lines", middle, axes, float(extent), (0.0, 1.1 * radius, 1.1 * radius))
-    axes, away = _axes(middle - lamp.position), float(np.linalg.norm(middle - lamp.position))
+    axes, away = _axes(middle - lamp.place), float(np.linalg.norm(middle - lamp.place))
     reach = away, min(away, 1.01 * radius), 1.01 * radius
-    across, along = (corners - lamp.position) @ axes[:2].T, (corners - lamp.position) @ axes[2]
+    across, along = (corners - lamp.place) @ axes[:2].T, (corners - lamp.place) @ axes[2]
     extent = float(np.max(np.abs(across) / along[:, None])) if (along > 0).all() else math.inf
     if extent > WIDEST_TANGENT:
         return LampView("octahedron", middle, axes, 1.0, reach)

@@ -6,17 +6,16 @@ with one spectrum and every colour of the palette (MODEL ยง5). Exposing through 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, Protocol
 
 import drjit as dr
 
-from hagoromo.backend import Array3f, Array4f, Bool, Float, UInt, arrays, opaque_vector
+from hagoromo.backend import Array3f, Array4f, Bool, Float, UInt, arrays
 from hagoromo.errors import InputError
 from hagoromo.light.lamp import Lamp, by_place
+from hagoromo.light.lamp_light import LampLight
 from hagoromo.light.spectrum import Spectrum
-from hagoromo.transport.emission import Emission, emission_of
 from hagoromo.transport.materials import Materials
 from hagoromo.transport.palette import position_of
 from hagoromo.transport.sample import Element, TexelHit
@@ -30,17 +29,13 @@ AttenuationOfAll = Callable[[list[ShadowRay]], list[Float]]  # transmittance 0โ€
 
 
 class LampRow(NamedTuple):
-    """A lamp as kernels read it: where it is [m], or the direction to it; its intensity; and its group in the palette.
+    """A lamp as kernels read it, and its group in the palette.
 
-    emission: relative intensity over the direction; None for a lamp that shines alike all around. shares: of lamps at
-    one place, each one's group and its share of the intensity, in place of one group.
+    shares: of lamps at one place, each one's group and its share of the intensity, in place of one group.
     """
 
-    where: Array3f
-    intensity: Float
-    near: bool
+    light: LampLight
     group: int
-    emission: Emission | None
     shares: Sequence[tuple[int, Float]] = ()
 
     @property
@@ -110,17 +105,14 @@ class Lighting:
         self.lamps: list[LampRow] = []
         for numbers in by_place(lamps) if together else [[number] for number in range(len(lamps))]:
             lamp, strengths = lamps[numbers[0]], [_strength(lamps[number]) for number in numbers]
-            place = lamp.position if lamp.position is not None else lamp.to_lamp
-            assert place is not None
-            of_lamps, near = materials.palette.lamp_groups, lamp.position is not None
+            of_lamps = materials.palette.lamp_groups
             groups = [
                 of_lamps[n] if of_lamps else position_of(lamps[n].spectrum, materials.palette.lamps) for n in numbers
             ]
             total = sum(strengths)
             shares = [dr.opaque(jit.Float, one / total if total > 0.0 else 0.0) for one in strengths]
             each = list(zip(groups, shares, strict=True)) if len(numbers) > 1 else []
-            intensity = dr.opaque(jit.Float, total)
-            self.lamps.append(LampRow(opaque_vector(place), intensity, near, groups[0], emission_of(lamp), each))
+            self.lamps.append(LampRow(LampLight(lamp, total), groups[0], each))
 
     @property
     def channels(self) -> int:
@@ -140,14 +132,7 @@ class Lighting:
 
     def arriving(self, lamp: int, point: Array3f) -> tuple[Array3f, Float, Float]:
         """Unit direction to a lamp, the distance to it [m] and its irradiance at `point`, without shadows."""
-        where, intensity, near, _, emission, _ = self.lamps[lamp]
-        to_lamp, distance, irradiance = where, math.inf, intensity
-        if near:
-            offset = where - point
-            squared = dr.squared_norm(offset)
-            inverse = dr.rsqrt(squared)
-            to_lamp, distance, irradiance = offset * inverse, squared * inverse, intensity / squared
-        return to_lamp, distance, irradiance if emission is None else irradiance * emission(to_lamp)
+        return self.lamps[lamp].light.arriving(point)
 
     def reflected_radiance(
         self,
@@ -184,7 +169,7 @@ class Lighting:
                     ]
                     each = [*scaled, *each[len(scaled) :]]
                 weights.append([part * element.share for part in each])
-            if lamp.emission is not None:
+            if lamp.light.beam is not None:
                 lit &= irradiance > 0.0
             passed.append(arrays().Float(1))
             if self.attenuation is not None:

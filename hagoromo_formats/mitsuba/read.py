@@ -25,10 +25,10 @@ from hagoromo.files.reading import reading
 from hagoromo.files.toml_text import toml_text
 from hagoromo.files.whole import whole_folder, write_text
 from hagoromo.image.scene_file import load_scene
+from hagoromo.light.environment import FROM_MITSUBA
 from hagoromo_formats.mitsuba.bsdfs import ALL_KINDS, WHITE, Converter
 from hagoromo_formats.mitsuba.serialized import read_serialized
 from hagoromo_formats.mitsuba.textures import ply_of
-from hagoromo_formats.mitsuba.write import ENVIRONMENT_FROM_MITSUBA
 from hagoromo_formats.mitsuba.xml_tree import read_xml
 
 Table = Mapping[str, Any]
@@ -205,7 +205,7 @@ class _Scene:
         source = inside(self.home, str(part["filename"]))
         file = f"environment{source.suffix.lower()}"
         shutil.copyfile(sized_file(source, LARGEST_MAP, "an environment"), self.folder / file)
-        turn = place[:3, :3] @ ENVIRONMENT_FROM_MITSUBA.T
+        turn = place[:3, :3] @ FROM_MITSUBA.T
         if np.linalg.det(turn) < 0.0 or not np.allclose(turn @ turn.T, np.eye(3), atol=1e-6):
             raise InputError(f"{who} is scaled or mirrored by to_world: give a turn")
         self.bsdfs.say(f"{who}: its light between the middles of pixels: a pixel is even here")

@@ -27,7 +27,7 @@ from hagoromo.files.whole import whole_file, whole_folder, write_text
 from hagoromo.image.scene import Scene
 from hagoromo.image.surface import Surface
 from hagoromo.light.colour import linear_colour
-from hagoromo.light.lamp import Lamp
+from hagoromo.light.other_programs import InOtherPrograms
 from hagoromo.light.spectrum import Spectrum, smooth_rgb_basis
 from hagoromo_formats.mitsuba.bsdfs import Converter
 from hagoromo_formats.scenes.gltf_textures import (
@@ -223,20 +223,19 @@ def gltf_from_scene(scene: Scene, out: str | Path, force: bool = False) -> list[
     if not meshes.geometry:
         raise InputError("the scene has no surface, and glTF holds no volume boxes: write these as .nrrd or .vti")
 
+    of_lights = list[str]()
+
     def further(tree: dict[str, Any]) -> None:
         _add_materials(tree, looks, squares)
         _add_camera(tree, scene.camera)
-        _add_lamps(tree, scene.lamps)
+        of_lights.extend(_add_lights(tree, (*scene.lamps, *scene.wide_lights)))
 
     data = export_glb(meshes, tree_postprocessor=further)
     with whole_file(out, force) as partial:
         partial.write_bytes(data)
     lost = [f"{len(scene.boxes)} volume boxes"] if scene.boxes else []
     lost += ["the distortion of the lens"] if any(scene.camera.distortion) else []
-    lost += [f"{len(scene.area_lamps)} area lamps"] if scene.area_lamps else []
-    lost += ["the environment"] if scene.environment else []
-    lost += [f"surface {s.name!r}: the light that it gives off" for s in scene.surfaces if s.emission]
-    lost += lost_textures + list(lost_gloss(scene.surfaces, "gltf"))
+    lost += of_lights + lost_textures + list(lost_gloss(scene.surfaces, "gltf"))
     lost.append("spectra (colours are linear sRGB)")
     return [*lost, "where between two pixels the optical axis is"]
 
@@ -279,38 +278,25 @@ def _add_camera(tree: dict[str, Any], camera: Camera) -> None:
     _add_node(tree, {"camera": 0, "name": camera.name or "camera"}, opengl_from_opencv(camera.camera_to_world))
 
 
-def _add_lamps(tree: dict[str, Any], lamps: tuple[Lamp, ...]) -> None:
-    lights = []
-    for number, lamp in enumerate(lamps):
-        rgb = np.clip(linear_colour(lamp.spectrum, Spectrum.constant(1.0)), 0.0, None)
-        top = float(rgb.max()) or 1.0
-        light: dict[str, Any] = {
-            "type": "directional" if lamp.position is None else "point" if lamp.axis is None else "spot",
-            "color": (rgb / top).tolist(), "intensity": float(np.mean(lamp.intensity)) * top,
-            "name": lamp.name or f"lamp {number + 1}",
-        }  # fmt: skip
-        place, along = np.eye(4), lamp.to_lamp if lamp.position is None else None
-        if lamp.position is not None:
-            place[:3, 3] = lamp.position
-        if lamp.axis is not None:
-            along = -lamp.axis
-            half = math.acos(0.5 ** (1.0 / max(lamp.axis_power, 0.05)))
-            outer = min(2 * half, WIDEST_CONE)
-            light["spot"] = {"innerConeAngle": max(2 * half - outer, 0.0), "outerConeAngle": outer}
-        if along is not None:
-            place[:3, :3] = turned_z_to(np.asarray(along, float))
-        lights.append(light)
-        _add_node(tree, {"name": light["name"], "extensions": {LIGHTS: {"light": number}}}, place)
-    if lights:
-        tree.setdefault("extensions", {})[LIGHTS] = {"lights": lights}
+def _add_lights(tree: dict[str, Any], lights: Sequence[InOtherPrograms]) -> list[str]:
+    """Those that glTF has; returns what is lost."""
+    forms, lost = list[dict[str, Any]](), dict[str, None]()
+    for light in lights:
+        form, lines = light.gltf()
+        lost |= dict.fromkeys(lines)
+        if form is None:
+            continue
+        rgb = np.clip(linear_colour(form.spectrum, Spectrum.constant(1.0)), 0.0, None)
+        top, name = float(rgb.max()) or 1.0, light.name or f"lamp {len(forms) + 1}"
+        stated = {"type": form.kind, "color": (rgb / top).tolist(), "intensity": form.strength * top, "name": name}
+        if form.cone is not None:
+            stated["spot"] = dict(zip(("innerConeAngle", "outerConeAngle"), form.cone, strict=True))
+        _add_node(tree, {"name": name, "extensions": {LIGHTS: {"light": len(forms)}}}, form.place)
+        forms.append(stated)
+    if forms:
+        tree.setdefault("extensions", {})[LIGHTS] = {"lights": forms}
         tree.setdefault("extensionsUsed", []).append(LIGHTS)
-
-
-def turned_z_to(direction: NDArray[np.float64]) -> NDArray[np.float64]:
-    """A rotation whose third column is `direction`, unit."""
-    side = np.cross((0.0, 1.0, 0.0) if abs(direction[1]) < 0.9 else (1.0, 0.0, 0.0), direction)
-    side /= np.linalg.norm(side)
-    return np.stack([side, np.cross(direction, side), direction], axis=1)
+    return list(lost)
 
 
 def triangles_of(surface: Surface) -> tuple[NDArray[Any], NDArray[Any]]:

@@ -18,11 +18,9 @@ from hagoromo.files.png import write_png
 from hagoromo.files.whole import check_written, replaceable_file, scratch_folder, whole_file, whole_files
 from hagoromo.image.scene import Scene
 from hagoromo.image.surface import Surface
-from hagoromo.light.area_lamp import AreaLamp
 from hagoromo.light.colour import srgb_encode
-from hagoromo.light.environment import Environment
-from hagoromo.light.lamp import Lamp
-from hagoromo_formats.scenes.gltf_scene import triangles_of, turned_z_to
+from hagoromo.light.other_programs import InOtherPrograms
+from hagoromo_formats.scenes.gltf_scene import triangles_of
 from hagoromo_formats.scenes.pbr import PbrMaterial, linear, lost_gloss, normal_fresnel
 from hagoromo_formats.scenes.pbr_textures import look_of, lost_textures, uvs_of
 from hagoromo_formats.scenes.usd_stage import ARCHIVE
@@ -30,25 +28,20 @@ from hagoromo_formats.scenes.usd_stage import ARCHIVE
 APERTURE = 0.36  # tenths of a metre: a film of 36 mm
 FAR_FOCUS = 1e6  # m
 ROOT = Path("scene.usdc")  # of an archive
-POINT = 0.005  # m, the radius by which programs show a lamp without size
 Matrix = NDArray[np.float64]
 
 
 def usd_from_scene(scene: Scene, out: str | Path, force: bool = False) -> list[str]:
     """Write camera, lamps and surfaces of a scene as USD; returns what is lost, a line each."""
-    if not (scene.surfaces or scene.lamps or scene.area_lamps):
+    if not (scene.surfaces or scene.lamps or any(len(light.stands_at) for light in scene.wide_lights)):
         raise InputError("the scene has no surface and no lamp, and this USD holds no volume boxes: write an OpenVDB")
     replaceable_file(out, force)
     writer = _Writer(Path(out))
     writer.camera(scene.camera)
     for surface in scene.surfaces:
         writer.surface(surface)
-    for lamp in scene.lamps:
-        writer.lamp(lamp)
-    for area_lamp in scene.area_lamps:
-        writer.area_lamp(area_lamp)
-    if scene.environment:
-        writer.dome(scene.environment)
+    for light in (*scene.lamps, *scene.wide_lights):
+        writer.light(light)
     writer.write(out, force)
     return [*writer.lost, *_lost(scene)]
 
@@ -68,21 +61,11 @@ def _lost(scene: Scene) -> Iterator[str]:
         yield "the distortion of the lens"
     if abs(camera.focal[0] / camera.focal[1] - 1.0) > 1e-6:
         yield "pixels that are not square: the picture is as high as it was seen"
-    for lamp in scene.lamps:
-        if lamp.profile is not None:
-            yield f"lamp {lamp.name!r}: its profile; it shines alike all around"
-        if isinstance(lamp.intensity, tuple):
-            yield f"lamp {lamp.name!r}: its intensity by channel, of which the mean stands"
-    if scene.environment and np.ptp(scene.environment.values) > 0.0:
-        yield "the map of the environment, of which the mean shines from all around"
-    lights = [*scene.area_lamps, *([scene.environment] if scene.environment else [])]
-    if not all(light.visible for light in lights):
+    if not all(light.visible for light in scene.wide_lights):
         yield "which lights the camera sees: programs show them or not"
     for surface in scene.surfaces:
         if surface.absorption is not None:
             yield f"surface {surface.name!r}: the absorption within its glass, which is clear"
-        if surface.emission is not None:
-            yield f"surface {surface.name!r}: the light that it gives off"
     yield from lost_gloss(scene.surfaces, "usd")
     yield "spectra (colours are linear sRGB under D65)"
 
@@ -151,42 +134,22 @@ class _Writer:
         settings.GetAttribute("resolution").Set(self.numbers.Vec2i(width, height))
         settings.GetRelationship("camera").SetTargets([prim.GetPath()])
 
-    def light(self, kind: str, name: str, place: Matrix, rgb: Matrix, **values: Any) -> Any:
-        """A lamp whose intensity is that of its brightest channel."""
-        top = float(rgb.max()) or 1.0
-        prim = self.define(kind, name, place)
-        self.set(prim, **{"inputs:intensity": top, "inputs:color": self.numbers.Vec3f(*(rgb / top).tolist())})
-        self.set(prim, **{f"inputs:{key}": given for key, given in values.items()})
-        return prim
-
-    def lamp(self, lamp: Lamp) -> None:
-        """Far: lux of a lamp without size. Near: a sphere as a point, of 4 I by its area; cos^μ is shaping:focus."""
-        rgb, place = linear(lamp.spectrum) * float(np.mean(lamp.intensity)), np.eye(4)
-        if lamp.position is None:
-            place[:3, :3] = turned_z_to(np.asarray(lamp.to_lamp, float))
-            self.light("DistantLight", lamp.name, place, rgb, angle=0.0)
+    def light(self, light: InOtherPrograms) -> None:
+        """A light, whose intensity is that of its brightest channel; cos^μ is shaping:focus."""
+        form, lines = light.usd()
+        self.lost += [line for line in lines if line not in self.lost]
+        if form is None:
             return
-        place[:3, 3] = lamp.position
-        if lamp.axis is not None:
-            place[:3, :3] = turned_z_to(-lamp.axis)
-        prim = self.light("SphereLight", lamp.name, place, 4.0 * rgb, radius=POINT, normalize=True)
-        self.set(prim, treatAsPoint=True)
-        if lamp.axis is not None and lamp.profile is None:
+        rgb = linear(form.spectrum) * form.strength
+        top = float(rgb.max()) or 1.0
+        prim = self.define(form.kind, light.name, form.place)
+        self.set(prim, **{"inputs:intensity": top, "inputs:color": self.numbers.Vec3f(*(rgb / top).tolist())})
+        self.set(prim, **{f"inputs:{key}": given for key, given in form.inputs.items()})
+        if form.as_point:
+            self.set(prim, treatAsPoint=True)
+        if form.focus is not None:
             library("pxr.UsdLux").ShapingAPI.Apply(prim)
-            self.set(prim, **{"inputs:shaping:focus": lamp.axis_power, "inputs:shaping:cone:angle": 90.0})
-
-    def area_lamp(self, lamp: AreaLamp) -> None:
-        rgb, place = linear(lamp.spectrum) * lamp.radiance, np.eye(4)
-        kind, place[:3, :3], values = lamp.shape.usd()
-        place[:3, 3] = lamp.position
-        self.light(kind, lamp.name, place, rgb, **values)
-
-    def dome(self, environment: Environment) -> None:
-        """The mean over the sphere, from all around: rows of the map are as wide as the sine says."""
-        rows = np.reshape(environment.values.mean(axis=1), (len(environment.values), -1))
-        weights = np.sin(np.pi * (np.arange(len(rows)) + 0.5) / len(rows))
-        mean = weights @ rows / weights.sum() * np.ones(3)
-        self.light("DomeLight", environment.name, np.eye(4), environment.scale * mean * linear(environment.spectrum))
+            self.set(prim, **{"inputs:shaping:focus": form.focus, "inputs:shaping:cone:angle": 90.0})
 
     def surface(self, surface: Surface) -> None:
         vertices, faces = triangles_of(surface)

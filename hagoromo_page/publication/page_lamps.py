@@ -51,11 +51,12 @@ def page_lamp(lamp: Lamp, maps: SurfaceMaps, channels: int, with_spectrum: bool)
     each = np.broadcast_to(np.asarray(irradiance, np.float64), channels)
     level = float(each.mean())
     colour = np.ones(channels) if with_spectrum or level <= 0.0 else each / level
-    axis = np.zeros(3) if lamp.axis is None or lamp.profile is not None else turn @ lamp.axis
-    at = turn @ to_lamp if lamp.position is None else turn @ lamp.position + FLIP @ pose[:3, 3]
-    power = 0.0 if not axis.any() else lamp.axis_power
+    beam = lamp.beam
+    axis = np.zeros(3) if beam.axis is None or beam.focus is None else turn @ beam.axis
+    at = turn @ lamp.place + (FLIP @ pose[:3, 3] if lamp.near else 0.0)
+    power = beam.focus or 0.0
     return PageLamp(
-        lamp.name, lamp.position is None, at, (*axis.tolist(), power), tuple(colour.tolist()), level, turn @ to_lamp
+        lamp.name, not lamp.near, at, (*axis.tolist(), power), tuple(colour.tolist()), level, turn @ to_lamp
     )
 
 

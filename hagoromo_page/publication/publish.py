@@ -120,6 +120,6 @@ def has_scale(measurement: Measurement, taken: Photographed) -> bool:
         return True
     if is_unplaced(taken.camera):
         return False
-    far = all(one.position is None for one in taken.lamps)
+    far = not any(one.near for one in taken.lamps)
     solved = measurement.normal_variance is not None  # else the shape was given, with its lengths
     return not (far and solved and not taken.camera.position.any())

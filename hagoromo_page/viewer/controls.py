@@ -80,7 +80,7 @@ class Control:
 def controls(state: ViewState, first: ViewState, scene: Scene) -> list[Control]:
     """All controls of a state, whose scene is `scene`; first: the state that was opened."""
     found = [*_picture_controls(state, first), *_cut_controls(scene)]
-    for number in range(len(state.tables["lamp"])):
+    for number in range(len(state.lamps)):
         found += _lamp_controls(number, state, first, scene)
     for k, box in enumerate(scene.boxes):
         for m, material in enumerate(box.materials):
@@ -178,9 +178,9 @@ def _lamp_controls(number: int, state: ViewState, first: ViewState, scene: Scene
         value = {AS_STATED: spectrum_of_file, NEUTRAL: 1.0}.get(name, name)
         return state.with_value((*at, "spectrum"), value)
 
-    key = "to_lamp" if lamp.position is None else "position"
+    key = lamp.place_key
     corners = scene.matter_corners()
-    away = float(np.linalg.norm(np.ptp(corners, axis=0))) if lamp.position is None else None
+    away = float(np.linalg.norm(np.ptp(corners, axis=0))) if not lamp.near else None
     found = [
         Control(f"{folder} spectrum", folder, "spectrum", Choice((AS_STATED, NEUTRAL, *ILLUMINANTS)),
                 spectrum, with_spectrum),

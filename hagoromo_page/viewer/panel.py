@@ -65,11 +65,10 @@ class Panel:
         self.refresh()
 
     def add_lamp(self) -> None:
-        """A far lamp from behind the camera, as strong as the first lamp is at the middle of the scene."""
+        """A far lamp from behind the camera, as strong as the first light is at the middle of the scene."""
         assert isinstance(self.desk, Desk)
         scene = self.desk.scene
-        irradiance = scene.lamps[0].direction_and_irradiance(self.desk.middle)[1]
-        strength = float(np.max(irradiance)) or 1.0
+        strength = self.desk.strength_of_first_light()
         lamp = {"name": f"lamp {len(scene.lamps) + 1}", "intensity": strength}
         to_lamp = scene.camera.position - self.desk.middle
         self._try(lambda state: state.with_lamp(lamp | {"to_lamp": to_lamp.tolist()}), "add a lamp")

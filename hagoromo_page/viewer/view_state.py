@@ -14,8 +14,6 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.errors import InputError
-
 MOST_UNDONE = 200  # edits that can be taken back
 POSE_KEYS = ("eye", "target", "up", "world_to_camera")
 RE_EXPOSED = ("intensity", "spectrum", "name")  # keys of a lamp that need no new march
@@ -72,14 +70,16 @@ class ViewState:
 
     def with_lamp(self, lamp: Mapping[str, Any]) -> ViewState:
         """The state with one more lamp."""
-        return self.with_value(("lamp",), [*self.tables.get("lamp", ()), dict(lamp)])
+        return self.with_value(("lamp",), [*self.lamps, dict(lamp)])
 
     def without_lamp(self, number: int) -> ViewState:
-        """The state without lamp `number`; `InputError` for the last one."""
-        lamps = list(self.tables["lamp"])
-        if len(lamps) == 1:
-            raise InputError("a scene needs one lamp at least: dim this one instead")
-        return self.with_value(("lamp",), lamps[:number] + lamps[number + 1 :])
+        """The state without lamp `number`, which makes no scene where it was its only light."""
+        return self.with_value(("lamp",), [*self.lamps[:number], *self.lamps[number + 1 :]])
+
+    @property
+    def lamps(self) -> Sequence[Mapping[str, Any]]:
+        """The tables of its lamps: none of a scene under other lights."""
+        return self.tables.get("lamp", ())
 
     def marched(self) -> str:
         """Equal for two states whose pictures have the same weights, up to a factor for each lamp that is not 0.
@@ -87,7 +87,7 @@ class ViewState:
         It holds all tables but the camera's pose and response, and strength and spectrum of the lamps.
         """
         camera = {key: value for key, value in self.tables["camera"].items() if key not in (*POSE_KEYS, "response")}
-        lamps = [{key: value for key, value in lamp.items() if key not in RE_EXPOSED} for lamp in self.tables["lamp"]]
+        lamps = [{key: value for key, value in lamp.items() if key not in RE_EXPOSED} for lamp in self.lamps]
         return json.dumps({**self.tables, "camera": camera, "lamp": lamps}, sort_keys=True, default=list)
 
 

@@ -36,6 +36,7 @@ from hagoromo_page.viewer.view_state import History, ViewState
 
 LONGEST_SIDE = 1024  # px of a picture in the viewer at most
 SHORTEST_SIDE = 16
+ROUGHLY = 0.5  # tolerance of the points of a light whose strength is looked at
 SAME_PLACE, SAME_TURN = 1e-5, 1e-5  # of the distance, and entries of a rotation: a pose that came back from a browser
 
 
@@ -85,6 +86,13 @@ class Desk:
         middle = 0.5 * (depth.min() + depth.max())
         return camera.position + camera.world_to_camera[2, :3] * (middle if middle > 0.0 else depth.max())
 
+    def strength_of_first_light(self) -> float:
+        """The irradiance that it gives on what faces it in the middle of the matter; 1 where that is none."""
+        corners, lamps = self.scene.matter_corners(), self.scene.lamps[:1]
+        if not lamps:
+            lamps = self.scene.wide_lights[0].points(corners.min(axis=0), corners.max(axis=0), ROUGHLY).lamps
+        return sum(float(np.max(lamp.direction_and_irradiance(self.middle)[1])) for lamp in lamps) or 1.0
+
     def controls(self, first: ViewState) -> list[Control]:
         """What can be set; first: the state that was opened."""
         return controls(self.state, first, self.scene)
@@ -119,8 +127,8 @@ class Desk:
 
 
 def _separate(settings: Settings, scene: Scene) -> Settings:
-    """The settings with weights for each lamp, unless there are too many lamps for one march."""
-    return replace(settings, separate_lamps=len(scene.lamps) <= LAMPS_AT_ONCE)
+    """The settings with weights for each lamp, unless there are too many lamps for one march, or lights with a size."""
+    return replace(settings, separate_lamps=len(scene.lamps) <= LAMPS_AT_ONCE and not scene.has_wide_lights)
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,7 +216,7 @@ class Watcher:
         pose = self.desk.scene.camera.world_to_camera if self.pose is None else self.pose
         layer = state.development.layer
         march = "light" if layer in OF_LIGHT else layer
-        strengths = str(state.tables["lamp"]) if march == "shadow" else ""
+        strengths = str(state.lamps) if march == "shadow" else ""
         of = march, strengths, state.marched(), pose.tobytes(), self.longest, self.desk.settings
         if of == self._of and self._marched and _same_weights(self._marched, self.desk.scene, self.desk.settings):
             return

@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
+from hagoromo.files.exr import write_exr
 from hagoromo.image import preview
 from hagoromo.image.render import render
 from hagoromo_page.view_verb import LOOPBACK
@@ -29,6 +30,7 @@ from tests.app.started import STARTED
 from tests.ball_scene import ball_scene
 
 SMALL = ball_scene(size=(31, 23), focal=45.0)
+AREA_LAMP = "[[area_lamp]]\nposition = [0.3, -1.0, 0.9]\nradius = 0.1\nradiance = 50.0\n"
 
 
 @pytest.fixture
@@ -92,6 +94,35 @@ def test_a_lamp_that_was_marched_at_no_strength_is_marched_when_it_is_lit(desk):
     dark = last_picture(watcher)
     desk.edit(desk.state.with_value(("lamp", 0, "intensity"), 3.0), "on")
     assert (last_picture(watcher).astype(int) > dark).sum() > 100
+
+
+LIT_BY = {
+    "a lamp with a size beside lamps": ball_scene(size=(31, 23), focal=45.0) + AREA_LAMP,
+    "a lamp with a size": ball_scene(size=(31, 23), focal=45.0, lamps=()) + AREA_LAMP,
+    "an environment": ball_scene(size=(31, 23), focal=45.0, lamps=()) + '[environment]\nfile = "sky.exr"\n',
+    "a surface": ball_scene(size=(31, 23), focal=45.0, lamps=()) + "[surface.emission]\nradiance = 2.0\n",
+}
+
+
+@pytest.mark.parametrize("light", LIT_BY)
+def test_a_scene_under_any_light_is_shown_in_its_layers_and_gets_a_lamp(light, tmp_path):
+    """One layer each of those of light, of shadows and of matter. Scenes under other lights than lamps were refused."""
+    write_exr(tmp_path / "sky.exr", dict.fromkeys("RGB", np.ones((4, 8), np.float32)))
+    (tmp_path / "lit.toml").write_text(LIT_BY[light])
+    desk = Desk(*opened(tmp_path / "lit.toml"))
+    watcher, names = Watcher(desk), [control.name for control in desk.controls(desk.state)]
+    assert sum(name.endswith("strength") for name in names) == len(desk.scene.lamps)
+    assert last_picture(watcher).any() and watcher.image is not None
+    assert np.array_equal(watcher.image.weights, render(tmp_path / "lit.toml").weights)
+    for layer in ("body", "shadow", "normals"):
+        desk.edit(desk.state.developed(layer=layer), layer)
+        last_picture(watcher)
+    strength = desk.strength_of_first_light()
+    assert 0.1 < strength < 50.0
+    desk.edit(desk.state.developed(layer="picture").with_lamp({"to_lamp": [0, -1, 0], "intensity": strength}), "add")
+    last_picture(watcher)
+    desk.edit(desk.state.without_lamp(len(desk.scene.lamps) - 1), "remove")
+    assert np.array_equal(last_picture(watcher), last_picture(Watcher(Desk(desk.files, desk.state))))
 
 
 def test_edits_are_taken_back_and_made_again(desk):

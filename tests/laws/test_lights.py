@@ -13,8 +13,6 @@ from hagoromo.backend import arrays
 from hagoromo.camera.response import Response
 from hagoromo.image.surface import SHAPES
 from hagoromo.light.environment import upsampled
-from hagoromo.light.light_points import area_lamp_points, environment_points
-from hagoromo.transport.path.environment_light import EnvironmentLight
 from tests.judges import mean_is, sampler_follows_density
 from tests.laws.test_path import SIDE, cube, light_along, matter, scene_of
 from tests.oracle.photons import area
@@ -222,10 +220,10 @@ def test_directions_to_an_environment_follow_its_light():
     values[2, 3:6] = 0.0
     turn = np.linalg.qr(random.normal(size=(3, 3)))[0]
     sky = hg.Environment(values, rotation=turn * np.sign(np.linalg.det(turn)))
-    light = EnvironmentLight(sky)
+    light = sky.on_device()
     numbers = [jit.Float(row) for row in random.random((4, DRAWS)).astype(np.float32)]
-    to_light, pixel = light.drawn(*numbers)
-    pixel, ways = np.array(pixel), np.stack([np.array(c) for c in to_light.to_lamp], axis=-1)
+    to_light = light.drawn(jit.Array3f(0.0), *numbers)
+    pixel, ways = np.array(light.direction(*numbers)[1]), np.stack([np.array(c) for c in to_light.to_lamp], axis=-1)
     found = np.array(light.pixel(to_light.to_lamp))
     assert (found == pixel).mean() > 0.9999  # rounding at the sides of pixels
     row, column = sky.pixels(ways)
@@ -281,7 +279,7 @@ def test_colours_of_a_map_are_those_of_its_spectra():
 def test_a_window_at_a_grazing_angle_is_32_point_lamps():
     """In matter before and behind its plane, all orders: z-test."""
     window = hg.AreaLamp((-0.16, 0.04, 0.16), edges=((0.06, 0.0, -0.08), (0.0, 0.08, 0.0)), radiance=20.0)
-    points = tuple(area_lamp_points(window, 32))
+    points = tuple(window.point_lamps(window.sources(32)))
     box, settings, view = cube(matter("sphere", 0.25), 3.0), hg.Settings(samples=3000), camera(12, 50.0)
     means, squares = [], 0.0
     for scene in (hg.Scene(view, (), (box,), area_lamps=(window,)), hg.Scene(view, points, (box,))):
@@ -324,7 +322,7 @@ def test_far_lamps_of_a_coarse_map_light_planes_as_all_of_its_pixels_do():
         ways = sky.directions(rows * height, columns * 2 * height).reshape(-1, 3)
         light = sky.radiance_from(ways)[:, 0] * np.sin(math.pi * rows).ravel() * (math.pi / 256) ** 2
         truth = np.maximum(normals @ ways.T, 0.0) @ light
-        few = environment_points(sky, 0.01)
+        few = sky.points(np.zeros(3), np.ones(3), 0.01)
         lamps = np.array([lamp.to_lamp for lamp in few.lamps]), np.array([lamp.intensity for lamp in few.lamps], float)
         away = np.maximum(normals @ lamps[0].T, 0.0) @ lamps[1] - truth
         error = np.linalg.norm(away) / np.linalg.norm(truth)

@@ -8,7 +8,6 @@ import pytest
 import hagoromo as hg
 from hagoromo.backend import arrays, mitsuba
 from hagoromo.image.scene_lights import area_lamp_from
-from hagoromo.light.light_points import area_points
 from hagoromo.light.shapes.tube import Tube
 from hagoromo_formats.mitsuba.write import write_mitsuba
 
@@ -101,7 +100,7 @@ def test_a_floor_is_lit_as_by_quadrature(name, mode):
 
 
 def test_few_points_are_within_the_error_that_is_stated():
-    found = area_points(TUBES["thin"], np.full(3, -0.2), np.full(3, 0.2), 0.04)
+    found = TUBES["thin"].points(np.full(3, -0.2), np.full(3, 0.2), 0.04)
     assert found.error <= 0.04 and 2 <= found.places <= 256
 
 

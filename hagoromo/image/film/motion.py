@@ -19,7 +19,6 @@ from hagoromo.files.record import decode, read_toml
 from hagoromo.image.film.motion_record import BoxKey, CameraKey, LampKey, MotionRecord
 from hagoromo.image.scene import Scene
 from hagoromo.image.scene_file import SceneRecord
-from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
 
 Tables: TypeAlias = Mapping[str, Any]
@@ -142,24 +141,7 @@ def turned(tables: Tables, scene: Scene, angle: float, camera: bool, lamps: bool
         changed["camera"] = kept | {"world_to_camera": pose.ravel().tolist()}
     if lamps:
         pairs = zip(tables["lamp"], scene.lamps, strict=True)
-        changed["lamp"] = [table | _turned_lamp(lamp, turn, middle) for table, lamp in pairs]
-    return changed
-
-
-def _turned_lamp(lamp: Lamp, turn: NDArray[np.float64], middle: NDArray[np.float64]) -> dict[str, Any]:
-    """The keys of a lamp that change when it is turned about `middle`."""
-    if lamp.position is None:
-        assert lamp.to_lamp is not None
-        return {"to_lamp": (turn @ lamp.to_lamp).tolist()}
-    changed: dict[str, Any] = {"position": (turn @ (lamp.position - middle) + middle).tolist()}
-    if lamp.axis is None:
-        return changed
-    axis = turn @ lamp.axis
-    changed["axis"] = axis.tolist()
-    if lamp.profile is not None:  # its frame turns as a whole: C = 0 is where it was turned to
-        first, second, _ = Lamp(lamp.position, axis=axis, profile=lamp.profile).frame
-        towards = turn @ lamp.frame[0]
-        changed["roll_deg"] = float(np.degrees(np.arctan2(towards @ second, towards @ first)))
+        changed["lamp"] = [table | lamp.turned_record(turn, middle) for table, lamp in pairs]
     return changed
 
 

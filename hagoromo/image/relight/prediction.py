@@ -282,7 +282,5 @@ def _with_learnt(
 
 def _described(lamp: Lamp) -> str:
     """`key at (0.1, 0.2, 0.3) m`, or `key towards (0, 0, 1)`."""
-    far = lamp.position is None
-    place = lamp.to_lamp if far else lamp.position
-    figures = ", ".join(f"{x:.3g}" for x in np.asarray(place))
-    return f"{lamp.name or 'lamp'} {'towards' if far else 'at'} ({figures}){'' if far else ' m'}"
+    figures = ", ".join(f"{x:.3g}" for x in lamp.place)
+    return f"{lamp.name or 'lamp'} " + (f"at ({figures}) m" if lamp.near else f"towards ({figures})")

@@ -6,13 +6,14 @@ know this protocol alone.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.backend import Array3f, Bool, Float
 from hagoromo.files.record import Record
+from hagoromo.light.wide_light import LightDrawn, LightMet, RayEnd
 
 Array = NDArray[np.float64]
 
@@ -25,31 +26,28 @@ class LightSeen(NamedTuple):
     density: Float
 
 
-class LightDrawn(NamedTuple):
-    """A direction to a light, the distance to it [m], and its density [1/sr]; 0: the point sees none of it."""
-
-    to_lamp: Array3f
-    distance: Float
-    density: Float
-
-
-class AreaLight(Protocol):
-    """An area lamp on the device; its radiance, and whether the camera sees it."""
+class AreaLight:
+    """An area lamp on the device; its radiance, and whether the camera sees it. See `LightOnDevice`."""
 
     radiance: Float
     visible: bool
 
     def share(self, point: Array3f) -> Float:
         """About the irradiance that it gives on what faces it, without shadows; above 0 wherever it is seen."""
-        ...
+        raise NotImplementedError
 
-    def drawn(self, point: Array3f, u: Float, v: Float) -> LightDrawn:
+    def drawn(self, point: Array3f, u: Float, v: Float, *further: Float) -> LightDrawn:
         """A direction by two numbers, independent and uniform in [0, 1)."""
-        ...
+        raise NotImplementedError
 
     def seen(self, point: Array3f, direction: Array3f) -> LightSeen:
         """What is seen of it from a point in a unit direction; the density is that of `drawn`."""
-        ...
+        raise NotImplementedError
+
+    def met(self, origin: Array3f, direction: Array3f, end: RayEnd) -> LightMet:
+        """What rays meet of it before their end: it stands in front of what they hit, and hides nothing."""
+        seen = self.seen(origin, direction)
+        return LightMet(seen.there & (seen.distance < end.distance), seen.density, seen.distance)
 
 
 class PointsOfShape(NamedTuple):

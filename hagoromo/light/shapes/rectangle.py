@@ -12,7 +12,8 @@ import numpy as np
 from hagoromo.backend import Array3f, Bool, Float, arrays, clip, opaque_vector
 from hagoromo.errors import InputError
 from hagoromo.files.record import Vector, about
-from hagoromo.light.shapes.lamp_shape import Array, LampShape, LightDrawn, LightSeen, PointsOfShape
+from hagoromo.light.shapes.lamp_shape import AreaLight, Array, LampShape, LightSeen, PointsOfShape
+from hagoromo.light.wide_light import LightDrawn
 
 SQUARE = 1e-6  # cosine of the angle between the sides, at most
 LEAST_SIDE = 1e-9  # of a rectangle, over the other one
@@ -105,7 +106,7 @@ class _Local:
         return self.most > LEAST_SOLID_ANGLE
 
 
-class RectangleLight:
+class RectangleLight(AreaLight):
     """A rectangle that shines to one side. Directions are uniform within its spherical rectangle (Ureña, Fajardo & King
     2013), or, where that is too small for single precision, uniform over its area.
     """
@@ -122,7 +123,7 @@ class RectangleLight:
         """A bound of the irradiance that it gives on what faces it, without shadows; 0 behind it."""
         return self.radiance * self._from(point).most
 
-    def drawn(self, point: Array3f, u: Float, v: Float) -> LightDrawn:
+    def drawn(self, point: Array3f, u: Float, v: Float, *further: Float) -> LightDrawn:
         """A direction by two uniform numbers."""
         here = self._from(point)
         solid, (first, last, b0, b1) = self._solid_angle(here)

@@ -11,7 +11,8 @@ import numpy as np
 from hagoromo.backend import Array3f, Float, arrays, opaque_vector
 from hagoromo.directions import frame_about, sunflower
 from hagoromo.files.record import Positive, about
-from hagoromo.light.shapes.lamp_shape import Array, LampShape, LightDrawn, LightSeen, PointsOfShape
+from hagoromo.light.shapes.lamp_shape import AreaLight, Array, LampShape, LightSeen, PointsOfShape
+from hagoromo.light.wide_light import LightDrawn
 
 
 class Sphere(LampShape, frozen=True, kw_only=True):
@@ -48,7 +49,7 @@ class Sphere(LampShape, frozen=True, kw_only=True):
         return "SphereLight", np.eye(3), {"radius": self.radius}
 
 
-class SphereLight:
+class SphereLight(AreaLight):
     """A sphere that shines outwards. Directions are uniform within its cone."""
 
     def __init__(self, position: Array, radius: float, radiance: float, visible: bool) -> None:
@@ -62,7 +63,7 @@ class SphereLight:
         inside = squared <= self.radius * self.radius
         return dr.select(inside, 0.0, math.pi * self.radiance * self.radius * self.radius / squared)
 
-    def drawn(self, point: Array3f, u: Float, v: Float) -> LightDrawn:
+    def drawn(self, point: Array3f, u: Float, v: Float, *further: Float) -> LightDrawn:
         """A direction by two uniform numbers."""
         away = self.centre - point
         squared, cap = dr.squared_norm(away), self._cap(point)

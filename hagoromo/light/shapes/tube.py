@@ -12,7 +12,8 @@ from hagoromo.backend import Array3f, Bool, Float, arrays, clip, opaque_vector
 from hagoromo.directions import GOLDEN
 from hagoromo.errors import InputError
 from hagoromo.files.record import Positive, Vector, about
-from hagoromo.light.shapes.lamp_shape import Array, LampShape, LightDrawn, LightSeen, PointsOfShape
+from hagoromo.light.shapes.lamp_shape import AreaLight, Array, LampShape, LightSeen, PointsOfShape
+from hagoromo.light.wide_light import LightDrawn
 
 LEAST_LENGTH = 1e-9  # of a tube, over its radius
 FLAT = 1e-12  # square of the sine to the axis below which a ray misses
@@ -89,7 +90,7 @@ class _Near(NamedTuple):
     arc: Float
 
 
-class TubeLight:
+class TubeLight(AreaLight):
     """The side of a tube. A place along it is drawn by equal angles from the point (Kulla & Fajardo 2012), then one
     around it, uniform over the arc that the point sees.
     """
@@ -106,7 +107,7 @@ class TubeLight:
         seen = 2.0 * self.radius / near.distance * (dr.sin(near.last) - dr.sin(near.first))
         return dr.select(near.arc > 0.0, self.radiance * dr.fmin(seen, math.pi), 0.0)
 
-    def drawn(self, point: Array3f, u: Float, v: Float) -> LightDrawn:
+    def drawn(self, point: Array3f, u: Float, v: Float, *further: Float) -> LightDrawn:
         """A direction by two uniform numbers."""
         near = self._from(point)
         along = near.distance * dr.tan(dr.lerp(near.first, near.last, u))

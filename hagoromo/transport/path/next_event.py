@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -34,7 +33,7 @@ def lamp_drawn(lamps: Sequence[LampRow], point: Array3f, number: Float) -> LampD
     of all of them, whichever it is.
     """
     jit = arrays()
-    each = [seen_lamp(lamp, point) for lamp in lamps]
+    each = [lamp.light.arriving(point) for lamp in lamps]
     total = sum((irradiance for _, _, irradiance in each), jit.Float(0))
     to_lamp, distance, _ = each[0]
     distance, group, below = jit.Float(distance), jit.UInt(lamps[0].group), each[0][2]
@@ -44,16 +43,3 @@ def lamp_drawn(lamps: Sequence[LampRow], point: Array3f, number: Float) -> LampD
         to_lamp, distance = dr.select(here, way, to_lamp), dr.select(here, away, distance)
         group, below = dr.select(here, lamp.group, group), below + irradiance
     return LampDrawn(to_lamp, distance, total, group)
-
-
-def seen_lamp(lamp: LampRow, point: Array3f) -> tuple[Array3f, Float, Float]:
-    """Direction to a lamp, its distance, and its irradiance on what faces it, unshadowed."""
-    to_lamp, distance, irradiance = lamp.where, math.inf, lamp.intensity
-    if lamp.near:
-        offset = lamp.where - point
-        squared = dr.squared_norm(offset)
-        inverse = dr.rsqrt(squared)
-        to_lamp, distance, irradiance = offset * inverse, squared * inverse, lamp.intensity / squared
-    if lamp.emission is not None:
-        irradiance = irradiance * lamp.emission(to_lamp)
-    return to_lamp, distance, irradiance

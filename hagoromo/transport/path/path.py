@@ -21,7 +21,7 @@ from hagoromo.backend import Array3f, Bool, Float, UInt, arrays, lookup
 from hagoromo.transport.lighting import Lighting
 from hagoromo.transport.path.bands import Bands
 from hagoromo.transport.path.free_flight import Collision, Matter, Random, first_collision, transmittance
-from hagoromo.transport.path.lights import Lights, share_of_drawn
+from hagoromo.transport.path.lights import Lights, front_of, share_of_drawn
 from hagoromo.transport.path.next_event import LampDrawn, lamp_drawn
 from hagoromo.transport.path.optics import Optics
 from hagoromo.transport.path.scatter import Scattering
@@ -49,7 +49,7 @@ class SurfaceHits(Protocol):
 @dataclass
 class Event:
     """Where a walk is: at matter or a surface. `face`: normal of a surface that light may not go below; else 0.
-    distance: from where the walk was before [m]; infinity: it hit nothing. emitter: see `Lights.emitter`. gamma: half
+    distance: from where the walk was before [m]; infinity: it hit nothing. front: see `front_of`. gamma: half
     width of the facets [rad]; None where all have that of their material.
     """
 
@@ -60,7 +60,7 @@ class Event:
     face: Array3f
     material: UInt
     coefficients: list[Float]  # of its colours, on the palette
-    emitter: UInt
+    front: UInt
     gamma: Float | None = None
 
 
@@ -113,7 +113,7 @@ class Walks:
             hit = self.surfaces.hit(origin, direction)
             far, material = hit.distance, self.first_on_surface + hit.surface
             event = Event(dr.isfinite(far), far, hit.point, hit.normal, hit.flat, material, [], jit.UInt(0))
-            event.emitter = jit.UInt(0) if self.lights is None else self.lights.emitter(hit)
+            event.front = front_of(hit)
         if self.matter is None:
             event.coefficients = materials.coefficients(event.material)
             return self._with_textures(event, hit, event.there), random
@@ -128,7 +128,7 @@ class Walks:
             dr.select(inside, nothing, event.face),
             dr.select(inside, material, event.material),
             [],
-            dr.select(inside, jit.UInt(0), event.emitter),
+            dr.select(inside, jit.UInt(0), event.front),
         )
         event.coefficients = materials.coefficients(event.material)
         if self.lighting.voxel_bases:

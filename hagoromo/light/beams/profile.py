@@ -1,53 +1,76 @@
-"""Emission: the intensity of a spot or of a lamp with a profile towards a point, relative to its brightest direction.
-
-A lamp that shines alike all around has none: its kernels hold no trace of it.
-"""
+"""Profile: the beam of a luminaire as it was measured, an IES table over the angles C and γ."""
 
 from __future__ import annotations
 
 import math
-from typing import Protocol
+from typing import Any
 
 import drjit as dr
 import numpy as np
 
 from hagoromo.backend import Array3f, Float, UInt, arrays, lookup, opaque_vector
-from hagoromo.light.lamp import Lamp
+from hagoromo.light.beams.beam import Array, Beam, BeamKeys, Cone, frame_about
 from hagoromo.light.lamp_profile import LampProfile
 
 CELLS_PER_KNOT = 2  # of the table that finds the interval of an angle, per shortest interval
 
 
-class Emission(Protocol):
-    """Relative intensity of a lamp, 0…1."""
+class ProfileBeam(Beam):
+    """A measured table; axis: (3,) unit, world, its γ = 0. roll: turn of C = 0 about the axis [rad]."""
 
-    def __call__(self, to_lamp: Array3f) -> Float:
-        """At points that see the lamp in the unit direction `to_lamp` (world)."""
-        ...
+    word = "profile"
+
+    def __init__(self, profile: LampProfile, axis: Array, roll: float) -> None:
+        self.profile, self.roll = profile, roll
+        self.axis: Array = axis
+
+    @classmethod
+    def of(cls, keys: BeamKeys) -> ProfileBeam | None:
+        """Of a lamp with a profile, whose axis is then known."""
+        return None if keys.profile is None or keys.axis is None else cls(keys.profile, keys.axis, keys.roll)
+
+    @property
+    def key(self) -> tuple[object, ...]:
+        """The table itself, its axis and roll."""
+        return self.word, id(self.profile), self.axis.tobytes(), self.roll
+
+    def relative_intensity(self, directions: Array) -> Array:
+        """See `Beam`."""
+        return self.profile.towards(directions, self.frame())
+
+    def on_device(self) -> ProfileOnDevice:
+        """See `Beam`."""
+        return ProfileOnDevice(self.profile, self.frame())
+
+    def frame(self) -> Array:
+        """See `Beam`."""
+        return frame_about(self.axis, self.roll)
+
+    def record(self) -> dict[str, Any]:
+        """See `Beam`."""
+        return {
+            "axis": self.axis.tolist(), "roll_deg": math.degrees(self.roll), "profile": self.profile.record(),
+        }  # fmt: skip
+
+    def turned_record(self, turn: Array) -> dict[str, Any]:
+        """Its frame turns as a whole: C = 0 is where it was turned to."""
+        axis = turn @ self.axis
+        first, second, _ = frame_about(axis / np.linalg.norm(axis), 0.0)
+        towards = turn @ self.frame()[0]
+        return {
+            "axis": axis.tolist(), "roll_deg": float(np.degrees(np.arctan2(towards @ second, towards @ first))),
+        }  # fmt: skip
+
+    def cone(self) -> Cone | None:
+        """Of a table that is 1 and then falls linearly to 0, alike all around."""
+        angles, values = self.profile.vertical, self.profile.intensity
+        one = np.array([1.0, 1.0, 0.0] if len(angles) == 3 else [1.0, 0.0])
+        if len(angles) not in (2, 3) or angles[0] != 0.0 or not (values == one).all():
+            return None
+        return Cone(float(angles[-2]), float(angles[-1]))
 
 
-def emission_of(lamp: Lamp) -> Emission | None:
-    """The emission of a lamp; None where it shines alike all around, or is far."""
-    if lamp.profile is not None:
-        return ProfileEmission(lamp.profile, lamp.frame)
-    return None if lamp.axis is None else SpotEmission(lamp.axis, lamp.axis_power)
-
-
-class SpotEmission:
-    """max(cosθ, 0)^u, θ the angle from the axis."""
-
-    def __init__(self, axis: np.ndarray, power: float) -> None:
-        jit = arrays()
-        self.axis, self.power = opaque_vector(axis), dr.opaque(jit.Float, power)
-        self.behind = dr.opaque(jit.Float, 0.0**power)  # as in `Lamp`: with u = 0 it shines alike all around
-
-    def __call__(self, to_lamp: Array3f) -> Float:
-        """See `Emission`."""
-        cosine = -dr.dot(to_lamp, self.axis)
-        return dr.select(cosine > 0.0, dr.power(dr.fmax(cosine, 1e-30), self.power), self.behind)
-
-
-class ProfileEmission:
+class ProfileOnDevice:
     """Bilinear look-up of a profile over C and γ: 0 at γ that it does not cover."""
 
     def __init__(self, profile: LampProfile, frame: np.ndarray) -> None:
@@ -63,7 +86,7 @@ class ProfileEmission:
         self.least, self.most = dr.opaque(jit.Float, float(least)), dr.opaque(jit.Float, float(most))
 
     def __call__(self, to_lamp: Array3f) -> Float:
-        """See `Emission`."""
+        """See `BeamOnDevice`."""
         jit = arrays()
         x, y, z = (-dr.dot(to_lamp, axis) for axis in self.frame)
         aside = dr.sqrt(dr.fma(x, x, y * y))

@@ -7,41 +7,61 @@ within it. So the radiance over the density is nearly one number, whatever the d
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import drjit as dr
 import numpy as np
+from numpy.typing import NDArray
 
 from hagoromo.backend import Array3f, Float, UInt, arrays, check_entries, lookup, opaque_vector
-from hagoromo.light.environment import Environment
-from hagoromo.light.shapes.lamp_shape import LightDrawn
+from hagoromo.light.cumulative_shares import interval_of, shares_before
+from hagoromo.light.wide_light import LightDrawn, LightMet, RayEnd
+
+Array = NDArray[np.floating]
 
 
 class EnvironmentLight:
     """A map on the device: cumulative shares of its rows and of the pixels in each, and the radiance of its parts."""
 
-    def __init__(self, environment: Environment) -> None:
-        jit, parts, solid = arrays(), environment.parts, environment.solid_angles
-        height, width = parts[0].radiance.shape
+    def __init__(self, parts: Sequence[Array], solid: Array, rotation: Array, visible: bool) -> None:
+        """`parts`: radiance of each pixel (height, width), of each part. `solid`: angle of a pixel of each row [sr].
+        `rotation`: (3, 3) from the map into the world.
+        """
+        jit = arrays()
+        height, width = parts[0].shape
         check_entries(height * (width + 1), "the pixels of the environment")
-        light = sum(part.radiance.astype(np.float64) for part in parts) * solid[:, None]
-        self.visible, self.flux = environment.visible, dr.opaque(jit.Float, float(light.sum()))
+        light = sum(part.astype(np.float64) for part in parts) * solid[:, None]
+        self.radiance: Float = 1.0  # no array: one that lives on would make each kernel another
+        self.visible, self.flux = visible, dr.opaque(jit.Float, float(light.sum()))
         rows, columns = shares_before(light.sum(axis=1)), shares_before(light)
         # the density is that of the shares as they are rounded
         chance = np.diff(rows)[:, None].astype(np.float64) * np.diff(columns, axis=1)
         self.density = lookup(jit.Float, (chance / solid[:, None]).astype(np.float32))
         self.rows, self.columns = lookup(jit.Float, rows), lookup(jit.Float, columns)
-        self.radiance = [lookup(jit.Float, part.radiance) for part in parts]
+        self.of_parts = [lookup(jit.Float, part) for part in parts]
         self.size = height, width
         self.height, self.width = dr.opaque(jit.UInt, height), dr.opaque(jit.UInt, width)
-        self.axes = [opaque_vector(axis) for axis in environment.rotation.T]  # of the map, in the world
-        dr.eval(self.density, self.rows, self.columns, self.radiance)
+        self.axes = [opaque_vector(axis) for axis in rotation.T]  # of the map, in the world
+        dr.eval(self.density, self.rows, self.columns, self.of_parts)
 
-    def share(self) -> Float:
+    def share(self, point: Array3f) -> Float:
         """Irradiance that it gives on what faces its light, about: half of what comes from all around."""
         return 0.5 * self.flux
 
-    def drawn(self, u: Float, v: Float, across: Float, down: Float) -> tuple[LightDrawn, UInt]:
-        """A direction by four uniform numbers, and the number of its pixel."""
+    def drawn(self, point: Array3f, u: Float, v: Float, *further: Float) -> LightDrawn:
+        """A direction by four uniform numbers; the last two are the place in a pixel, across and down."""
+        across, down = further
+        way, pixel = self.direction(u, v, across, down)
+        distance = dr.full(arrays().Float, dr.inf, dr.width(u))
+        return LightDrawn(way, distance, self.density_of(pixel), self.radiance_of(pixel))
+
+    def met(self, origin: Array3f, direction: Array3f, end: RayEnd) -> LightMet:
+        """What rays that end nowhere meet."""
+        pixel = self.pixel(direction)
+        return LightMet(dr.isinf(end.distance), self.density_of(pixel), tints=self.radiance_of(pixel))
+
+    def direction(self, u: Float, v: Float, across: Float, down: Float) -> tuple[Array3f, UInt]:
+        """A unit direction by four uniform numbers, and the number of its pixel."""
         row = interval_of(self.rows, self.size[0], u, arrays().UInt(0))
         column = interval_of(self.columns, self.size[1], v, row * (self.width + 1))
         pixel = row * self.width + column
@@ -54,8 +74,7 @@ class EnvironmentLight:
         sine, cosine = dr.sincos(azimuth)
         x, y, z = aside * cosine, aside * sine, dr.select(north, z, -z)
         way = x * self.axes[0] + y * self.axes[1] + z * self.axes[2]
-        density = dr.gather(arrays().Float, self.density, pixel)
-        return LightDrawn(dr.normalize(way), dr.full(arrays().Float, dr.inf, dr.width(u)), density), pixel
+        return dr.normalize(way), pixel
 
     def pixel(self, direction: Array3f) -> UInt:
         """The number of the pixel in a unit direction."""
@@ -73,27 +92,10 @@ class EnvironmentLight:
 
     def radiance_of(self, pixel: UInt) -> list[Float]:
         """Radiance of every part."""
-        return [dr.gather(arrays().Float, values, pixel) for values in self.radiance]
+        return [dr.gather(arrays().Float, values, pixel) for values in self.of_parts]
 
     def _falls(self, row: UInt) -> tuple[Float, Float]:
         """sin² of half the angle from the pole at both sides of a row of its half of the map."""
         half = 0.5 * math.pi / arrays().Float(self.height)
         first, last = (dr.sin(arrays().Float(row + k) * half) for k in (0, 1))
         return first * first, last * last
-
-
-def shares_before(light: np.ndarray) -> np.ndarray:
-    """Shares of the entries of the last axis that stand before each one, and 1: one more than there are entries."""
-    sums = np.pad(np.cumsum(light, axis=-1), [(0, 0)] * (light.ndim - 1) + [(1, 0)])
-    total = sums[..., -1:]
-    even = np.linspace(0.0, 1.0, sums.shape[-1])
-    shares = np.where(total > 0.0, sums / np.where(total > 0.0, total, 1.0), even).astype(np.float32)
-    shares[..., -1] = 1.0
-    return shares
-
-
-def interval_of(shares: Float, count: int, number: Float, first: UInt) -> UInt:
-    """The entry, of `count` whose shares begin at `first`, that a number in [0, 1) falls into."""
-    jit = arrays()
-    beyond = dr.binary_search(0, count, lambda k: dr.gather(jit.Float, shares, first + jit.UInt(k)) <= number)
-    return dr.minimum(dr.maximum(jit.UInt(beyond), 1) - 1, count - 1)
