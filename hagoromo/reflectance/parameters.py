@@ -220,6 +220,8 @@ PARAMETERS = (
 ROWS = {each.name: each for each in PARAMETERS}
 NUMBERS = tuple(each for each in PARAMETERS if each.range is not None)
 FITTED_BODY_LAW = tuple(name for name in PLAIN_BODY if ROWS[name].fitted)  # what is measured of the law of the body
+REFLECTING = tuple(each for each in PARAMETERS if each.part in ("body", "interface", "element"))
+MEASURED = tuple(each for each in REFLECTING if each.name not in PLAIN_BODY or each.fitted)  # of a measured material
 
 
 def meaning(name: str, more: str = "") -> Meta:

@@ -8,15 +8,13 @@ from typing import TYPE_CHECKING
 
 from markupsafe import Markup, escape
 
-from hagoromo.reflectance.parameters import FITTED_BODY_LAW, NUMBERS, PLAIN_BODY, ROWS
+from hagoromo.reflectance.parameters import FITTED_BODY_LAW, MEASURED, ROWS
 
 if TYPE_CHECKING:
     from hagoromo.reflectance.material.material_estimate import MaterialEstimate
 
-SYMBOLS = {
-    each.name: each.shown for each in NUMBERS if each.part in ("body", "interface") and each.name not in PLAIN_BODY
-}
-SYMBOLS |= {key: f"{ROWS[key].shown} of the body" for key in FITTED_BODY_LAW}  # shown where they were estimated
+SYMBOLS = {each.name: each.shown for each in MEASURED if each.range is not None}
+SYMBOLS |= {key: f"{SYMBOLS[key]} of the body" for key in FITTED_BODY_LAW}  # shown where they were estimated
 PARAMETER_TITLES = ("material", "pixels", "parameter", "estimate", "standard error", "95 % interval", "identifiable")
 
 
