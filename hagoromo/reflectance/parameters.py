@@ -21,6 +21,7 @@ from hagoromo.errors import InputError
 from hagoromo.files.record import about
 from hagoromo.reflectance.body import EPSILON_RANGE, SIGMA_RANGE, RoughBody
 from hagoromo.reflectance.facets import GAUSSIAN, LEAST_NU, TAILS_OF_GGX
+from hagoromo.reflectance.varnish import VARNISH_DEPTH_RANGE, VARNISH_N_RANGE, Varnish
 
 PLANES = ("png", "tiff", "exr")  # maps of a measured surface
 PICTURES = ("ptm", "hsh", "relight")  # relightable images
@@ -37,7 +38,7 @@ Column = Literal["always", "departing"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class BodyLaw(RoughBody):
+class BodyLaw(RoughBody, Varnish):
     """How the body of a plane departs from Lambert's law: all laws of it are bases, and have a row each parameter."""
 
     @property
@@ -205,6 +206,12 @@ PARAMETERS = (
               "roughness of the body (Oren and Nayar's); 0: Lambert's law", SIGMA_RANGE, fitted=ROUGHNESS,
               column="departing",
               lost=_lost(*PLANES, "glb", "ply", "csv", "mitsuba medium", *PBR, *VOLUMES)),
+    Parameter("varnish_n", "the refractive index of its varnish", "body", 1.0, "n_v", "",
+              "refractive index of a clear varnish over the body; 1: none", VARNISH_N_RANGE, column="departing",
+              lost=_lost("mitsuba medium", *PBR, *VOLUMES)),
+    Parameter("varnish_depth", "the optical depth of its varnish", "body", 0.0, "τ", "",
+              "optical depth of the varnish for one passage along the normal, absorption times thickness; 0: clear",
+              VARNISH_DEPTH_RANGE, column="departing", lost=_lost("mitsuba medium", *PBR, *VOLUMES)),
     Parameter("transmission", "light that passes through it", "through", 0.0, "T", "",
               "share of the light that passes through an element", (0, 1), lost=_lost(*BEYOND_SURFACES)),
     Parameter("transmitted_colour", "the colour of light that passes through it", "through", None, "c_t",
