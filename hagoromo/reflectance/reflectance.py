@@ -145,21 +145,11 @@ class Reflectance(BodyLaw):
             if min(checked_spectrum(getattr(self, key), f"{who}: {key}").values) < 0:
                 raise InputError(f"{who}: {key} is below 0 at some wavelength: a colour is 0 or more")
         self._check_transmission(who)
-        bare = math.pi * self.alpha * float(self.body_colour.values.max())
-        if bare > 1 + 1e-6 and self.shown_body_colour is not self.body_colour:
-            raise InputError(
-                f"{who} breaks energy conservation: without {' and '.join(self.body_departures)} its body reflects "
-                f"{bare:.3f} of the light (π α c_b): lower alpha·body_colour"
-            )
-        albedo = self.directional_albedo()
-        worst = int(np.argmax(albedo))
-        if albedo[worst] > 1 + 1e-6:
-            seen = SEEN[self.element].format(math.degrees(VIEWS[worst]))
-            raise InputError(
-                f"{who} breaks energy conservation: {seen}it {self._sends()} "
-                f"{albedo[worst]:.3f} of the light: lower alpha·body_colour (π α c_b = {self.body_albedo:.3f}) or beta"
-                + (f", or transmission ({self.transmission:g})" if self.transmits else "")
-            )
+        self._check_energy(who)
+
+    def __repr__(self) -> str:
+        """What is not as it is by default."""
+        return f"Reflectance({', '.join(f'{key}={value!r}' for key, value in self._stated().items())})"
 
     def weights(self, axis: Array3f, to_lamp: Array3f, to_eye: Array3f) -> Weights | AllWeights:
         """Weights of f of its element [1/sr], see `element_weights`, of all its lobes; `AllWeights` if it transmits."""
@@ -268,6 +258,24 @@ class Reflectance(BodyLaw):
     def _sends(self) -> str:
         return "sends on" if self.transmits else "reflects"
 
+    def _check_energy(self, who: str) -> None:
+        """`InputError` for a reflectance that gives back more than it receives."""
+        bare = math.pi * self.alpha * float(self.body_colour.values.max())
+        if bare > 1 + 1e-6 and self.shown_body_colour is not self.body_colour:
+            raise InputError(
+                f"{who} breaks energy conservation: without {' and '.join(self.body_departures)} its body reflects "
+                f"{bare:.3f} of the light (π α c_b): lower alpha·body_colour"
+            )
+        albedo = self.directional_albedo()
+        worst = int(np.argmax(albedo))
+        if albedo[worst] > 1 + 1e-6:
+            seen = SEEN[self.element].format(math.degrees(VIEWS[worst]))
+            raise InputError(
+                f"{who} breaks energy conservation: {seen}it {self._sends()} "
+                f"{albedo[worst]:.3f} of the light: lower alpha·body_colour (π α c_b = {self.body_albedo:.3f}) or beta"
+                + (f", or transmission ({self.transmission:g})" if self.transmits else "")
+            )
+
     def _check_transmission(self, who: str) -> None:
         if self.clearness > 0.0 and self.element != "cylinder":
             raise InputError(
@@ -372,13 +380,15 @@ class Reflectance(BodyLaw):
         """Plain figures; `reflectance_from_record` reads them back. What is as it is by default has no key, but for
         those of ALWAYS_RECORDED, nor has what says how light passes through where none does.
         """
-        held = [each for each in fields(self) if self.transmits or ROWS[each.name].part != "through"]
-        values = {each.name: (getattr(self, each.name), each.default) for each in held}
-        return {
-            key: _recorded(value)
-            for key, (value, default) in values.items()
-            if default is MISSING or key in ALWAYS_RECORDED or value != default
-        }
+        stated = self._stated() | {key: getattr(self, key) for key in ALWAYS_RECORDED}
+        passes = self.transmits
+        return {key: _recorded(value) for key, value in stated.items() if passes or ROWS[key].part != "through"}
+
+    def _stated(self) -> dict[str, Any]:
+        """Parameters that are not as they are by default, by name; those of the law of the body last."""
+        every = sorted(fields(self), key=lambda each: bool(each.kw_only))
+        values = {each.name: (getattr(self, each.name), each.default) for each in every}
+        return {key: value for key, (value, plain) in values.items() if plain is MISSING or value != plain}
 
 
 def reflectance_from_record(record: Any, where: str, folder: str | Path | None = None) -> Reflectance:

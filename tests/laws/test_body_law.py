@@ -155,3 +155,11 @@ def test_box_and_surface_show_the_law():
     assert factor < 0.95
     assert values[2] / values[0] == pytest.approx(factor, rel=1e-4)
     assert values[3] / values[1] == pytest.approx(factor, rel=1e-4)
+
+
+def test_a_reflectance_prints_what_is_not_as_by_default():
+    shown = "Reflectance(alpha=0.15, beta=0.0, gamma=0.2, n=1.5, body_colour=Spectrum(360–830 nm, 1){})"
+    assert repr(MATTE) == shown.format("")
+    assert repr(replace(MATTE, name="chalk", nu=2.0, epsilon=0.3)) == shown.format(
+        ", name='chalk', nu=2.0, epsilon=0.3"
+    )
