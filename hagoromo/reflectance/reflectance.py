@@ -17,7 +17,7 @@ from hagoromo.backend import Array3f, Float, arrays, lookup
 from hagoromo.directions import frame_about, local
 from hagoromo.errors import InputError, described
 from hagoromo.files.record import Record, decode, like
-from hagoromo.light.spectrum import SOURCE, VISIBLE, Spectrum, SpectrumRecord, checked_spectrum
+from hagoromo.light.spectrum import CONSTANT_RANGE, SOURCE, VISIBLE, Spectrum, SpectrumRecord, checked_spectrum
 from hagoromo.reflectance.body import body_albedo_ratio
 from hagoromo.reflectance.element import ELEMENTS, Element, element_weights
 from hagoromo.reflectance.facets import GAUSSIAN, TailExponent, is_gaussian
@@ -307,12 +307,14 @@ class Reflectance(BodyLaw):
         return self.shown(self.body_colour)
 
     def shown(self, colour: Spectrum) -> Spectrum:
-        """A body colour as the law of the body lets it show; the same object where it changes no colours."""
+        """A body colour as the law of the body lets it show, at its own wavelengths and, where light is seen, each
+        FINEST_STEP; the same object where the law changes no colours.
+        """
         if self.shown_colour(colour.values, self.alpha) is colour.values:
             return colour
+        seen = np.arange(*CONSTANT_RANGE, FINEST_STEP) if np.ptp(colour.values) > 0.0 else np.empty(0)
         first, last = colour.wavelengths[[0, -1]]
-        between = np.arange(math.ceil(first), last, FINEST_STEP) if np.ptp(colour.values) > 0.0 else ()
-        wavelengths = np.union1d(colour.wavelengths, between)
+        wavelengths = np.union1d(colour.wavelengths, seen[(seen > first) & (seen < last)])
         return Spectrum(wavelengths, self.shown_colour(colour.at(wavelengths), self.alpha))
 
     @property

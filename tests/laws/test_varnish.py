@@ -144,6 +144,14 @@ def test_the_colour_between_knots_is_that_of_each_wavelength():
     np.testing.assert_allclose(f[::20], np.ravel(each), atol=1e-4 * f.max())
 
 
+def test_a_colour_takes_no_more_wavelengths_than_are_seen():
+    """Whatever a file says: steps of 5 nm lie between 360 and 830 nm."""
+    far = replace(PAINT, body_colour=hg.Spectrum([1.0, 400.0, 1e15], [0.1, 0.2, 0.3]), varnish_n=1.5)
+    assert len(far.shown_body_colour.wavelengths) < 100
+    short = replace(PAINT, body_colour=hg.Spectrum([500.0, 503.0], [0.1, 0.2]), varnish_n=1.5)
+    assert short.shown_body_colour.wavelengths.tolist() == [500.0, 503.0]
+
+
 def panel(**of_surface):
     """A painted panel lit from aside: the picture of its middle in linear channels, in a mode."""
     floor = hg.Surface.floor(0.0, 1.0, of_surface.pop("reflectance"))
