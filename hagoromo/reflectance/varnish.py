@@ -22,7 +22,6 @@ from typing import Any
 
 import drjit as dr
 import numpy as np
-from scipy.special import expn
 
 from hagoromo.backend import Float
 from hagoromo.reflectance.body import LambertBody, is_number
@@ -81,6 +80,8 @@ def sent_back(n: float, depth: float) -> float:
 
     Beyond the critical angle in closed form, μ_c² E₃(2τ/μ_c); below it over the cosine outside, c² = n²(μ² − μ_c²).
     """
+    from scipy.special import expn
+
     critical = math.sqrt(1.0 - 1.0 / n**2)
     nodes, weights = np.polynomial.legendre.leggauss(NODES)
     outside, weights = 0.5 + 0.5 * nodes, 0.5 * weights

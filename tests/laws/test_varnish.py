@@ -5,7 +5,7 @@ The walk knows only Snell, Fresnel (by sines and tangents), Beer and Lambert; it
 
 import math
 from dataclasses import replace
-from itertools import pairwise
+from itertools import pairwise, product
 
 import drjit as dr
 import numpy as np
@@ -16,7 +16,8 @@ import hagoromo_formats.mitsuba as hm
 from hagoromo import backend
 from hagoromo.backend import arrays
 from hagoromo.errors import InputError
-from hagoromo.reflectance.varnish import sent_back
+from hagoromo.light.colour import linear_colour
+from hagoromo.reflectance.varnish import Varnish, sent_back
 from hagoromo.transport.materials import Materials
 from hagoromo.transport.palette import palette_of
 from hagoromo.transport.path.scatter import Scattering
@@ -192,6 +193,21 @@ def test_a_texture_shows_it_place_by_place():
     np.testing.assert_allclose(textured, seen(hg.render(panel(reflectance=shown)), WAVES) * own.at(WAVES), rtol=1e-5)
     exact = replace(varnished, body_colour=hg.Spectrum(own.wavelengths, 0.8 * own.values))
     assert (textured > seen(hg.render(panel(reflectance=exact)), WAVES)).all()
+
+
+@pytest.mark.parametrize("depth, most", [(0.0, 0.07), (0.2, 0.022)])
+def test_a_texture_is_as_near_as_the_page_of_the_model_says(depth, most):
+    """Values of R, G, B up to 0.8, against the law at each wavelength: linear sRGB under D65, in parts of white."""
+    texture, waves = hg.SurfaceTexture(np.ones((2, 2, 3)) * (0.8, 0.4, 0.1)), np.arange(400.0, 701.0, 5.0)
+    basis, day = np.array([one.at(waves) for one in texture.spectra]), hg.Spectrum.named("D65")
+    layer = Varnish(varnish_n=1.5, varnish_depth=depth)
+    shown = lambda colour: layer.shown_colour(colour, 1.0 / math.pi)  # noqa: E731
+    errors = []
+    for values in product((0.0, 0.4, 0.8), repeat=3):
+        exact, ours = shown(np.array(values) @ basis), shown(np.array(values)) @ basis
+        assert (ours > exact - 1e-12).all()
+        errors.append(linear_colour(hg.Spectrum(waves, ours - exact), day) / shown(0.8))
+    assert np.abs(errors).max() < most
 
 
 def test_walks_draw_it_with_its_albedo():
