@@ -37,7 +37,8 @@ class RayMarch:
     where `differentiable`. materials: Dr.Jit Float, of each material the numbers that `columns` names: alpha, beta,
     gamma [rad], n, element, then the coefficients of its body and interface colours on the palette; beta and gamma of
     further lobes; then other parameters of a reflectance, each only where that of some material is not its plain value.
-    Both can be replaced, or tracked by `dr.enable_grad`.
+    Both can be replaced, or tracked by `dr.enable_grad`. Where the law of a body changes its colour, as a varnish does,
+    derivatives by its parameters and by alpha leave the change of the colour out.
     Where `differentiable`, steps are those of a tolerance of 0.0025, or of that of the settings if it is less, and
     shadows are marched, if there are any. The derivatives of light and transmittance by densities are those of the
     shadows, too, and right to 1 %. A voxel of density 0 in a stored brick has one; where no voxel around it has an
