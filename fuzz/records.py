@@ -14,6 +14,7 @@ import numpy as np
 from fuzz import pictures
 from hagoromo.files.record import write_json
 from hagoromo.files.table import write_table
+from hagoromo.reflectance.parameters import PLAIN_BODY
 
 ROOT = Path(__file__).resolve().parents[1]
 MOTION = """
@@ -37,6 +38,7 @@ lamp = 0
 time = 2.0
 spectrum = {wavelengths = [400, 700], values = [1.0, 0.5]}
 """
+BODY_LAW = ", ".join(f"{key} = {plain + 0.05}" for key, plain in PLAIN_BODY.items())
 SCENE = """
 format_version = 1
 camera = {size = [61, 47], focal = [90.0, 90.0], principal = [30.0, 23.0], distortion = [0.0, 0.0, 0.0, 0.0], \
@@ -48,12 +50,12 @@ axis_power = 2.0}, {name = "fill", to_lamp = [-0.7, -1.5, 0.5], intensity = [3.0
 candela_from_profile = true}, {position = [0.0, -1.0, 1.0], profile = {lateral = [0.0], vertical = [0.0, 90.0], \
 intensity = [[1.0, 0.5]], peak_candela = 10.0}}]
 surface = [{name = "ball", shape = "sphere", scale = 0.15, position = [0.0, 0.0, 0.1], rotation_deg = [0.0, 10.0, 0.0], \
-reflectance = {alpha = 0.2, beta = 0.5, gamma = 0.2, n = 1.5, nu = 2.0, body_colour = {wavelengths = [400.0, 700.0], values = [0.2, 0.4]}, element = "plane"}}, \
+reflectance = {alpha = 0.2, beta = 0.5, gamma = 0.2, n = 1.5, nu = 2.0, BODY_LAW, body_colour = {wavelengths = [400.0, 700.0], values = [0.2, 0.4]}, element = "plane"}}, \
 {name = "glass", shape = "sphere", scale = 0.05, position = [0.3, 0.0, 0.1], optics = "glass", absorption = 2.0, reflectance = {alpha = 0.0, \
 beta = 1.0, gamma = 0.1, n = 1.5, body_colour = 0.0}}, \
 {mesh = "a.ply", scale = [1.0, 1.0, 2.0], smooth = false, reflectance = {file = "materials.json", material = "one"}}]
 render = {samples = 4, shadows = "map", shadow_resolution = 64, tolerance = 0.04, seed = 0, separate_lamps = false}
-"""
+""".replace("BODY_LAW", BODY_LAW)
 IES = """IESNA:LM-63-2002
 [TEST] 7
 [LUMINAIRE] a flood

@@ -22,9 +22,9 @@ from hagoromo.light.lamp_profile import LampProfile
 from hagoromo.light.spectrum_file import read_spectrum_file
 from hagoromo.photograph.capture import count_absent
 from hagoromo.photograph.lamp_files import load_lamps
-from hagoromo.reflectance.parameters import PARAMETERS
+from hagoromo.reflectance.parameters import MEASURED
 
-MATERIAL_FIELDS = (*(each.name for each in PARAMETERS if each.part in ("body", "interface", "element")), "identifiable")
+MATERIAL_FIELDS = (*(each.name for each in MEASURED), "identifiable")
 
 
 def info(path: str | Path, decode: bool = False) -> Facts:

@@ -27,7 +27,8 @@ def albedos_of(scene: Scene) -> list[Spectrum]:
     tints += [through(surface) for surface in scene.surfaces if surface.absorption is not None]
     for surface in scene.surfaces:
         purest = surface.body_texture.purest() if surface.body_texture else []
-        tints += [Spectrum(s.wavelengths, math.pi * surface.reflectance.alpha * s.values) for s in purest]
+        shown = [surface.reflectance.shown(colour) for colour in purest]
+        tints += [Spectrum(s.wavelengths, math.pi * surface.reflectance.alpha * s.values) for s in shown]
     return albedos(reflectances_of(scene), [spectrum for box in scene.boxes for spectrum in box.basis]) + tints
 
 
@@ -44,7 +45,7 @@ def albedos(reflectances: list[Reflectance], basis: list[Spectrum]) -> list[Spec
     the colours of voxels.
     """
     most = max(r.alpha for r in reflectances)
-    scaled = [(math.pi * r.alpha, r.body_colour) for r in reflectances] + [(math.pi * most, s) for s in basis]
+    scaled = [(math.pi * r.alpha, r.shown_body_colour) for r in reflectances] + [(math.pi * most, s) for s in basis]
     scaled += [(r.interface_albedo, r.interface_colour) for r in reflectances]
     scaled += [(r.transmission, r.transmitted[0]) for r in reflectances if r.transmits]
     return [Spectrum(s.wavelengths, factor * s.values) for factor, s in scaled]

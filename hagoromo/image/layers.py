@@ -111,7 +111,7 @@ def _look(
     event, random = walks.event(origin, direction, random)
     normal, _ = walks.scattering.visible_normal(event.material, event.axis, -direction, *five_of(random)[:2])
     normal = dr.select(dr.dot(normal, direction) > 0.0, -normal, normal)
-    alpha = math.pi * prepared.lighting.materials.read(event.material, 0)
+    alpha = math.pi * prepared.lighting.materials.read(event.material, "alpha")
     albedo = [alpha * share for share in event.coefficients[: len(prepared.palette.bodies)]]
     columns = [jit.Float(1), dr.dot(axis, event.point) + ahead, *normal, *albedo]
     there = [dr.select(event.there, column, jit.Float(0)) + dr.zeros(jit.Float, count) for column in columns]

@@ -11,7 +11,6 @@ from typing import Any, TypeVar
 
 import drjit as dr
 import numpy as np
-from numpy.typing import NDArray
 
 from hagoromo.backend import Array3f, Float, arrays
 from hagoromo.image.cut import CutRays
@@ -20,8 +19,8 @@ from hagoromo.image.origin import Origin, depth_of_matter, origin_of, scene_from
 from hagoromo.image.scene import Scene
 from hagoromo.image.scene_palette import palette_of_scene, reflectances_of
 from hagoromo.image.settings import Settings
-from hagoromo.image.surface import Same, Surface, Surfaces
-from hagoromo.image.surface_texture import SurfaceTexture
+from hagoromo.image.surface import Surfaces
+from hagoromo.image.texture_tables import key_of_textures, surface_colours
 from hagoromo.light.lamp import by_place
 from hagoromo.transport.differentiable_medium import differentiable_attenuation
 from hagoromo.transport.film import tile_order as tile_order
@@ -30,10 +29,10 @@ from hagoromo.transport.lighting import Attenuation, AttenuationOfAll, Lighting,
 from hagoromo.transport.march import march
 from hagoromo.transport.materials import Materials
 from hagoromo.transport.medium import Medium
-from hagoromo.transport.palette import Palette, position_of
+from hagoromo.transport.palette import Palette
 from hagoromo.transport.sample import TexelHit
 from hagoromo.transport.shadow import brute_attenuation, fitting_resolution, mapped_attenuation, too_wide_for_maps
-from hagoromo.transport.surface_colours import SurfaceColours, TextureOfSurface, surface_element
+from hagoromo.transport.surface_colours import SurfaceColours, surface_element
 from hagoromo.volume.box import VolumeBox
 
 COARSEST_MAP = 32  # texels along a side of a shadow map at least
@@ -96,7 +95,7 @@ class PreparedScene:
         self.surfaces = _surfaces(world, cache, self.origin)
         sheets = any(surface.reflectance.transmits for surface in scene.surfaces)
         self.thickness = 2.0 * self.surfaces.shadow_bias if self.surfaces and sheets else None  # see `surface_element`
-        self.surface_colours = surface_colours_of(scene, self.palette, cache)
+        self.surface_colours = _surface_colours(scene, self.palette, cache)
         boxes_shade: Attenuation | None = None
         attenuation: Attenuation | AttenuationOfAll | None = None
         if medium.differentiable and settings.shadows != "none":
@@ -194,21 +193,12 @@ def _surfaces(scene: Scene, cache: SceneCache, origin: Origin) -> Surfaces | Non
     return cache.get("surfaces", figures, lambda: Surfaces(scene.surfaces, own)).seen_from(origin)
 
 
-def surface_colours_of(scene: Scene, palette: Palette, cache: SceneCache) -> SurfaceColours | None:
+def _surface_colours(scene: Scene, palette: Palette, cache: SceneCache) -> SurfaceColours | None:
     """The textures of the surfaces of a scene on the device; None where there are none."""
     if not any(texture for surface in scene.surfaces for texture in surface.textures):
         return None
-    colours = len(palette.colours)
-    bodies, factors, widths, key = [], [], [], []
-    for surface in scene.surfaces:
-        places = [position_of(s, palette.bodies) for s in surface.body_texture.spectra] if surface.body_texture else []
-        bodies.append(_texture(surface, surface.body_texture, np.eye(len(palette.bodies), dtype=np.float32)[places]))
-        factors.append(_texture(surface, surface.beta_texture, np.ones((1, 1), np.float32)))
-        widths.append(_texture(surface, surface.gamma_texture, np.ones((1, 1), np.float32)))
-        key.append((surface.figure, Same(surface.uv), *surface.textures, tuple(places)))
-    first = len(palette.bodies)
-    places = range(first, first + len(palette.interfaces))
-    return cache.get("textures", (colours, *key), lambda: SurfaceColours(bodies, factors, widths, places))
+    key = key_of_textures(scene.surfaces, palette)
+    return cache.get("textures", key, lambda: surface_colours(scene.surfaces, palette))
 
 
 def gamma_rows_of(scene: Scene) -> GammaRows | None:
@@ -221,19 +211,6 @@ def gamma_rows_of(scene: Scene) -> GammaRows | None:
         for gamma, brightest in ([(s.gamma_texture, s.brightest)] if s.gamma_texture is not None else [])
     }
     return GammaRows(reflectances, further) if further else None
-
-
-def _texture(
-    surface: Surface, texture: SurfaceTexture | None, on_palette: NDArray[np.float32]
-) -> TextureOfSurface | None:
-    """A texture of a surface as kernels take it."""
-    if texture is None:
-        return None
-    if texture.of == "image" and surface.uv is not None:
-        assert surface.faces is not None
-        return TextureOfSurface(texture.values, texture.smooth, on_palette, surface.faces, surface.uv)
-    corners = surface.faces if texture.of == "vertices" else None
-    return TextureOfSurface(texture.values, texture.smooth, on_palette, corners)
 
 
 def _attenuation(boxes_shade: Attenuation | None, surfaces: Surfaces | None) -> Attenuation:

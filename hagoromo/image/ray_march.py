@@ -34,10 +34,11 @@ class RayMarch:
     seen along rays.
 
     voxels: Dr.Jit Float (voxels · 4), density and axis (x, y, z) of every stored voxel in single precision; only
-    where `differentiable`. materials: Dr.Jit Float, of each material alpha, beta, gamma [rad], n, element, then the
-    coefficients of its body and interface colours on the palette; beta and gamma of further lobes; where any body
-    departs from Lambert's law epsilon and sigma; where the facets of any have tails the exponent nu. Both can be
-    replaced, or tracked by `dr.enable_grad`.
+    where `differentiable`. materials: Dr.Jit Float, of each material the numbers that `columns` names: alpha, beta,
+    gamma [rad], n, element, then the coefficients of its body and interface colours on the palette; beta and gamma of
+    further lobes; then other parameters of a reflectance, each only where that of some material is not its plain value.
+    Both can be replaced, or tracked by `dr.enable_grad`. Where the law of a body changes its colour, as a varnish does,
+    derivatives by its parameters and by alpha leave the change of the colour out.
     Where `differentiable`, steps are those of a tolerance of 0.0025, or of that of the settings if it is less, and
     shadows are marched, if there are any. The derivatives of light and transmittance by densities are those of the
     shadows, too, and right to 1 %. A voxel of density 0 in a stored brick has one; where no voxel around it has an
@@ -68,6 +69,11 @@ class RayMarch:
     def voxels(self, values: Any) -> None:
         assert self.voxels is not None and self._prepared.medium is not None
         self._prepared.medium.voxels = PlainVoxels(arrays().Float(values))
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """What each number of a row of `materials` is."""
+        return tuple(self._prepared.lighting.materials.columns)
 
     @property
     def materials(self) -> Any:

@@ -25,6 +25,7 @@ from hagoromo.image.surface_texture import SurfaceTexture
 from hagoromo.light.colour import srgb_decode
 from hagoromo.light.spectrum import Spectrum, checked_spectrum
 from hagoromo.light.surface_emission import SurfaceEmission
+from hagoromo.reflectance.parameters import PLAIN_BODY
 from hagoromo.reflectance.reflectance import LARGEST_GAMMA, SMALLEST_GAMMA, Reflectance
 from hagoromo.transport.path.optics import KINDS
 from hagoromo.transport.surface_colours import SurfaceHit
@@ -105,8 +106,8 @@ class Surface:
             if not (self.absorption.values >= 0.0).all():
                 raise InputError(f"{who}: absorption is below 0 at some wavelength: give 0 or more [1/m]")
         if self.optics:
-            smooth = {"alpha": 0.0, "beta": 0.0, "lobes": (), "epsilon": 0.0, "sigma": 0.0}
-            object.__setattr__(self, "reflectance", replace(self.reflectance, **smooth))
+            smooth = replace(self.reflectance, alpha=0.0, beta=0.0, lobes=(), **PLAIN_BODY)
+            object.__setattr__(self, "reflectance", smooth)
         pose = np.asarray(self.pose, float)
         if not (np.abs(pose) <= FARTHEST).all():
             raise InputError(f"{who}: pose holds what is no number up to {FARTHEST:g}")

@@ -19,7 +19,8 @@ from hagoromo.camera.response import camera_white
 from hagoromo.light.lamp import Lamp
 from hagoromo.measurement.facets import facet_density
 from hagoromo.photograph.photograph import Photograph
-from hagoromo.reflectance.body import body_factor
+from hagoromo.reflectance.body import is_number
+from hagoromo.reflectance.parameters import BodyLaw
 from hagoromo.reflectance.torrance_sparrow import Cosines, fresnel, weights_at
 
 Array = NDArray[np.float64]
@@ -53,23 +54,24 @@ class Sight:
     @property
     def body(self) -> Array:
         """Value per unit of α c_b: (N, C), Σ over the lamps of E cosθ_i, 0 where the surface faces away."""
-        return self.body_of(0.0, 0.0)
+        return self.body_of(BodyLaw())
 
-    def body_of(self, epsilon: float, sigma: float) -> Array:
-        """As `body`, for a body with this exponent and roughness (`body_factor`)."""
+    def body_of(self, law: BodyLaw) -> Array:
+        """As `body`, for a body after another law than Lambert's."""
         facing = (self.cosines.incidence > 0.0) & (self.cosines.view > 0.0)
         weight = np.where(facing, self.cosines.incidence, 0.0)
-        if epsilon or sigma:
-            weight = weight * self._body_factor(epsilon, sigma)
+        if (factor := self._body_factor(law)) is not None:
+            weight = weight * factor
         return np.einsum("nlc,nl->nc", self.irradiance, weight)
 
-    def _body_factor(self, epsilon: float, sigma: float) -> Array:
-        """(N, L)"""
+    def _body_factor(self, law: BodyLaw) -> Array | None:
+        """(N, L); None where it is 1 everywhere."""
         real: Any = arrays().Float64
         incidence, view, _, deviation = (real(np.ascontiguousarray(part.ravel())) for part in self.cosines)
         phase = 2.0 * deviation * deviation - 1.0  # L·V
-        factor = body_factor(incidence, view, phase, dr.opaque(real, epsilon), dr.opaque(real, sigma))
-        return np.array(factor).reshape(self.cosines.view.shape)
+        opaque = {key: dr.opaque(real, value) for key, value in law.body_departures.items()}  # literals compile anew
+        factor = BodyLaw(**opaque).body_factor(incidence, view, phase)
+        return None if is_number(factor, 1.0) else np.array(factor).reshape(self.cosines.view.shape)
 
     def interface(self, log_gamma: Array, log_n1: Array, tail: Array | None = None) -> tuple[Array, Array, Array]:
         """Value per unit of β F₀ at K rows (ln γ, ln(n − 1), 1/ν), and its derivatives by the first two: (K, N, C).

@@ -15,7 +15,7 @@ import drjit as dr
 import numpy as np
 
 from hagoromo.backend import Array3f, Float, arrays, clip
-from hagoromo.reflectance.body import body_factor, is_lambert
+from hagoromo.reflectance.body import LAMBERT, LambertBody, is_number
 from hagoromo.reflectance.facets import GAUSSIAN, LN2, facet_density_at, is_gaussian, tail_reach, tail_scale
 from hagoromo.reflectance.torrance_sparrow import (
     Weights,
@@ -48,20 +48,17 @@ def element_weights(
     gamma: Float,
     n: Float,
     nu: Float = GAUSSIAN,
-    epsilon: Float = 0.0,
-    sigma: Float = 0.0,
+    body_law: LambertBody = LAMBERT,
 ) -> Weights:
     """Weights of f for an `element` of ELEMENTS: `axis` is the plane's normal or the cylinder's tangent [1/sr].
 
-    alpha, beta [1/sr], gamma [rad], n, nu: as in `torrance_sparrow`. epsilon, sigma: of the body of a plane, see
-    `body_factor`; other elements have Lambert's body.
+    alpha, beta [1/sr], gamma [rad], n, nu: as in `torrance_sparrow`. body_law: of the body of a plane; other elements
+    have Lambert's body.
     """
     if element == "plane":
         weights = torrance_sparrow(axis, to_lamp, to_eye, alpha, beta, gamma, n, nu)
-        if is_lambert(epsilon, sigma):
-            return weights
-        angles = dr.dot(axis, to_lamp), dr.dot(axis, to_eye), dr.dot(to_lamp, to_eye)
-        return Weights(weights.body * body_factor(*angles, epsilon, sigma), weights.interface)
+        factor = body_law.body_factor(dr.dot(axis, to_lamp), dr.dot(axis, to_eye), dr.dot(to_lamp, to_eye))
+        return weights if is_number(factor, 1.0) else Weights(weights.body * factor, weights.interface)
     cos_phase = dr.dot(to_lamp, to_eye)
     mirror = beta * fresnel(cos_deviation(cos_phase), n)
     if element == "cylinder":

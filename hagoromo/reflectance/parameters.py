@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any, Literal
 
 import numpy as np
@@ -19,8 +19,9 @@ from msgspec import Meta
 
 from hagoromo.errors import InputError
 from hagoromo.files.record import about
-from hagoromo.reflectance.body import EPSILON_RANGE, SIGMA_RANGE
+from hagoromo.reflectance.body import EPSILON_RANGE, SIGMA_RANGE, RoughBody
 from hagoromo.reflectance.facets import GAUSSIAN, LEAST_NU, TAILS_OF_GGX
+from hagoromo.reflectance.varnish import VARNISH_DEPTH_RANGE, VARNISH_N_RANGE, Varnish
 
 PLANES = ("png", "tiff", "exr")  # maps of a measured surface
 PICTURES = ("ptm", "hsh", "relight")  # relightable images
@@ -33,6 +34,33 @@ LARGEST_BETA = 1e4  # [1/sr]
 ANY = object()  # of a parameter that has an effect whatever its value
 EVIDENCE = "standard errors, intervals and tests of the fit, which are in materials.json"
 Part = Literal["body", "interface", "through", "element", "label", "evidence"]
+Column = Literal["always", "departing"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class BodyLaw(RoughBody, Varnish):
+    """How the body of a plane departs from Lambert's law: all laws of it are bases, and have a row each parameter."""
+
+    @property
+    def body_law(self) -> BodyLaw:
+        """This law, without what the class of a reflectance has beside it."""
+        return BodyLaw(**self._values())
+
+    @property
+    def body_departures(self) -> dict[str, Any]:
+        """Parameters of the law that differ from Lambert's law, by their names."""
+        return {name: value for name, value in self._values().items() if value != PLAIN_BODY[name]}
+
+    @property
+    def has_lambert_body(self) -> bool:
+        """Whether the body follows Lambert's law."""
+        return not self.body_departures
+
+    def _values(self) -> dict[str, Any]:
+        return {name: getattr(self, name) for name in PLAIN_BODY}
+
+
+PLAIN_BODY: dict[str, Any] = {each.name: each.default for each in fields(BodyLaw)}  # parameters of the law of the body
 
 
 @dataclass(frozen=True)
@@ -65,6 +93,7 @@ class Parameter:
     "measurement" (maps of pixels), "scene" (textures of surfaces), "mitsuba" (textures of our BSDF), "box" (voxels).
     plain: a value at which nothing is lost. lost: formats of FORMATS that have no place for it, each with what stands
     there instead, or "". plain_in: format → the value at which nothing is lost there, in place of `plain`.
+    column: of the numbers of a material on the device; "departing": only where that of some material is not `plain`.
     """
 
     name: str
@@ -80,6 +109,7 @@ class Parameter:
     varies: tuple[str, ...] = ()
     lost: Mapping[str, str] = field(default_factory=dict)
     plain_in: Mapping[str, Any] = field(default_factory=dict)
+    column: Column | None = None
 
     @property
     def fit(self) -> Coordinate:
@@ -136,27 +166,28 @@ PARAMETERS = (
     Parameter("name", "its name", "label", meaning="name of the material"),
     Parameter("pixels", "how many pixels it has", "label", meaning="number of pixels with its label"),
     Parameter("element", "the shape of its micro-elements", "element", "plane",
-              meaning="micro-element that carries the facets",
+              meaning="micro-element that carries the facets", column="always",
               lost=_lost("page", *EXPORTS, instead="planes stand instead") | _lost("mitsuba", *PBR, *VOLUMES)),
     Parameter("alpha", "the weight of its body α", "body", 0.0, "α", "1/sr",
-              "weight of the body (diffuse) part α [1/sr]", (0, 1),
+              "weight of the body (diffuse) part α [1/sr]", (0, 1), column="always",
               lost=_lost("csv", "nrrd", "vol")),
     Parameter("body_colour", "the colour of its body", "body", symbol="c_b", meaning="body (diffuse) colour",
               varies=("measurement", "scene", "mitsuba", "box"),
               lost=_lost("nrrd", "vol")),
     Parameter("beta", "the strength of its gloss β", "interface", ANY, "β", "1/sr",
-              "weight of the interface (specular) part β [1/sr]", (0, LARGEST_BETA),
+              "weight of the interface (specular) part β [1/sr]", (0, LARGEST_BETA), column="always",
               varies=("measurement", "scene", "mitsuba"),
               lost=_lost(*OF_SURFACES, *VOLUMES)),
     Parameter("gamma", "the width of its highlight γ", "interface", ANY, "γ", "rad",
               "half width of the distribution of facets γ [rad]", (SMALLEST_GAMMA, LARGEST_GAMMA), fitted=LOG_GAMMA,
-              varies=("measurement", "scene", "mitsuba"),
+              column="always", varies=("measurement", "scene", "mitsuba"),
               lost=_lost("ply", "csv", *VOLUMES)),
     Parameter("n", "its refractive index n", "interface", ANY, "n", "", "refractive index", (1, 10), fitted=LOG_N1,
+              column="always",
               lost=_lost(*PLANES, "glb", "ply", "csv", *VOLUMES)),
     Parameter("nu", "the tails of its facets ν", "interface", GAUSSIAN, "ν", "",
               f"exponent of the facets' tails ν, {LEAST_NU} or more", (LEAST_NU, math.inf), "Gaussian facets", TAIL,
-              ("measurement",),
+              ("measurement",), column="departing",
               lost=_lost(*PLANES, "glb", "materialx", *PBR, instead="those of GGX stand instead")
               | _lost("ply", "csv", "mitsuba medium", *VOLUMES),
               plain_in=dict.fromkeys(PBR, TAILS_OF_GGX)),
@@ -169,10 +200,18 @@ PARAMETERS = (
               lost=_lost(*OF_SURFACES, *VOLUMES)),
     Parameter("epsilon", "how its body darkens at grazing angles ε", "body", 0.0, "ε", "",
               "exponent of the body (Minnaert's, less 1); 0: Lambert's law", EPSILON_RANGE, fitted=LOG_EXPONENT,
+              column="departing",
               lost=_lost(*OF_SURFACES, "mitsuba medium", *PBR, *VOLUMES)),
     Parameter("sigma", "the roughness of its body σ", "body", 0.0, "σ", "",
               "roughness of the body (Oren and Nayar's); 0: Lambert's law", SIGMA_RANGE, fitted=ROUGHNESS,
+              column="departing",
               lost=_lost(*PLANES, "glb", "ply", "csv", "mitsuba medium", *PBR, *VOLUMES)),
+    Parameter("varnish_n", "the refractive index of its varnish", "body", 1.0, "n_v", "",
+              "refractive index of a clear varnish over the body; 1: none", VARNISH_N_RANGE, column="departing",
+              lost=_lost("mitsuba medium", *PBR, *VOLUMES)),
+    Parameter("varnish_depth", "the optical depth of its varnish", "body", 0.0, "τ", "",
+              "optical depth of the varnish for one passage along the normal, absorption times thickness; 0: clear",
+              VARNISH_DEPTH_RANGE, column="departing", lost=_lost("mitsuba medium", *PBR, *VOLUMES)),
     Parameter("transmission", "light that passes through it", "through", 0.0, "T", "",
               "share of the light that passes through an element", (0, 1), lost=_lost(*BEYOND_SURFACES)),
     Parameter("transmitted_colour", "the colour of light that passes through it", "through", None, "c_t",
@@ -187,6 +226,9 @@ PARAMETERS = (
 )  # fmt: skip
 ROWS = {each.name: each for each in PARAMETERS}
 NUMBERS = tuple(each for each in PARAMETERS if each.range is not None)
+FITTED_BODY_LAW = tuple(name for name in PLAIN_BODY if ROWS[name].fitted)  # what is measured of the law of the body
+REFLECTING = tuple(each for each in PARAMETERS if each.part in ("body", "interface", "element"))
+MEASURED = tuple(each for each in REFLECTING if each.name not in PLAIN_BODY or each.fitted)  # of a measured material
 
 
 def meaning(name: str, more: str = "") -> Meta:

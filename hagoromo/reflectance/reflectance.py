@@ -4,26 +4,35 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import drjit as dr
 import numpy as np
-from msgspec import Meta
+from msgspec import Meta, defstruct
 from numpy.typing import ArrayLike, NDArray
 
 from hagoromo.backend import Array3f, Float, arrays, lookup
 from hagoromo.directions import frame_about, local
 from hagoromo.errors import InputError, described
 from hagoromo.files.record import Record, decode, like
-from hagoromo.light.spectrum import SOURCE, VISIBLE, Spectrum, SpectrumRecord, checked_spectrum
+from hagoromo.light.spectrum import CONSTANT_RANGE, SOURCE, VISIBLE, Spectrum, SpectrumRecord, checked_spectrum
 from hagoromo.reflectance.body import body_albedo_ratio
 from hagoromo.reflectance.element import ELEMENTS, Element, element_weights
 from hagoromo.reflectance.facets import GAUSSIAN, TailExponent, is_gaussian
 from hagoromo.reflectance.interface_albedo import VIEWS, interface_albedo
 from hagoromo.reflectance.number_arrays import broadcast_directions, numbers_of, vectors_of
-from hagoromo.reflectance.parameters import LARGEST_BETA, LARGEST_GAMMA, NUMBERS, SMALLEST_GAMMA, meaning
+from hagoromo.reflectance.parameters import (
+    LARGEST_BETA,
+    LARGEST_GAMMA,
+    NUMBERS,
+    PLAIN_BODY,
+    ROWS,
+    SMALLEST_GAMMA,
+    BodyLaw,
+    meaning,
+)
 from hagoromo.reflectance.pigment import PigmentRecord, pigment_from_record, skin_colour
 from hagoromo.reflectance.sampling import (
     LobeShare,
@@ -45,11 +54,23 @@ from hagoromo.reflectance.transmission import (
 
 NEUTRAL = Spectrum.constant(1.0)  # the interface of a dielectric keeps the lamp's colour
 SEEN = {"plane": "seen at {:.0f}° ", "cylinder": "seen at {:.0f}° from across its tangent ", "sphere": ""}
+ALWAYS_RECORDED = ("element", "name", "interface_colour")
 MOST_LOBES = 4  # further lobes of one reflectance: each is a part of every kernel
 Lobe = tuple[float, float]  # β [1/sr] and γ [rad] of a Gaussian lobe
+FINEST_STEP = 5.0  # [nm] between values of a body colour that a law of the body changes
+if TYPE_CHECKING:
+    BodyLawRecord = Record
+else:
+    BodyLawRecord = defstruct(
+        "BodyLawRecord",
+        [(key, Annotated[float, meaning(key, "; of planes only")], plain) for key, plain in PLAIN_BODY.items()],
+        bases=(Record,),
+        frozen=True,
+        kw_only=True,
+    )
 
 
-class ReflectanceRecord(Record, frozen=True, kw_only=True):
+class ReflectanceRecord(BodyLawRecord, frozen=True, kw_only=True):
     """A reflectance by its parameters: dichromatic Torrance–Sparrow."""
 
     alpha: Annotated[float, meaning("alpha", "; 1/π: body_colour is the albedo")]
@@ -57,8 +78,6 @@ class ReflectanceRecord(Record, frozen=True, kw_only=True):
     gamma: Annotated[float, meaning("gamma")]
     n: Annotated[float, meaning("n")]
     nu: Annotated[TailExponent | None, meaning("nu", "; absent: Gaussian facets")] = None
-    epsilon: Annotated[float, meaning("epsilon", "; of planes only")] = 0.0
-    sigma: Annotated[float, meaning("sigma", "; of planes only")] = 0.0
     lobes: Annotated[tuple[Lobe, ...], Meta(max_length=MOST_LOBES), meaning("lobes", ", each [β, γ]")] = ()
     body_colour: Annotated[
         Any,
@@ -76,14 +95,15 @@ class ReflectanceRecord(Record, frozen=True, kw_only=True):
 
 
 @dataclass(frozen=True)
-class Reflectance:
+class Reflectance(BodyLaw):
     """Dichromatic Torrance–Sparrow reflectance of a material.
 
     alpha, beta: weights of body and interface [1/sr]; gamma: half width of the facets at half maximum [rad];
     n: refractive index; body_colour, interface_colour: Spectra without unit; element: plane, cylinder or sphere;
     nu: exponent ν of the facets' tails, D = (1 + (2^{1/ν} − 1) φ²/γ²)^{−ν}, 0.3 or more; infinity: Gaussian facets.
     epsilon, sigma: exponent and roughness of the body, which multiply it by (cosθ_i cosθ_r)^ε (1 + σ s/t), see
-    `body_factor`; 0: Lambert's law. Only planes have them.
+    `hagoromo.reflectance.body`; 0: Lambert's law. Only planes have them, and they are given by name, as all parameters
+    of `BodyLaw`.
     lobes: further lobes of the interface, such as the narrow spike of a polished coat above its wide haze: β [1/sr] and
     γ [rad] of each, with Gaussian facets, MOST_LOBES at most; they need a beta above 0.
     transmission: share T of the light that passes through an element and leaves by its far side, 0…1, in the
@@ -106,8 +126,6 @@ class Reflectance:
     element: Element = "plane"
     name: str = ""
     nu: float = GAUSSIAN
-    epsilon: float = 0.0
-    sigma: float = 0.0
     lobes: tuple[Lobe, ...] = ()
     transmission: float = 0.0
     transmitted_colour: Spectrum | None = None
@@ -121,22 +139,17 @@ class Reflectance:
             raise InputError(f"{who}: element is {self.element!r}: give one of {', '.join(ELEMENTS)}")
         self._check_lobes(who)
         if not self.has_lambert_body and self.element != "plane":
-            raise InputError(
-                f"{who}: element is {self.element!r}: give epsilon and sigma to planes only, or leave them out"
-            )
+            given = " and ".join(self.body_departures)
+            raise InputError(f"{who}: element is {self.element!r}: give {given} to planes only, or leave it out")
         for key in ("body_colour", "interface_colour"):
             if min(checked_spectrum(getattr(self, key), f"{who}: {key}").values) < 0:
                 raise InputError(f"{who}: {key} is below 0 at some wavelength: a colour is 0 or more")
         self._check_transmission(who)
-        albedo = self.directional_albedo()
-        worst = int(np.argmax(albedo))
-        if albedo[worst] > 1 + 1e-6:
-            seen = SEEN[self.element].format(math.degrees(VIEWS[worst]))
-            raise InputError(
-                f"{who} breaks energy conservation: {seen}it {self._sends()} "
-                f"{albedo[worst]:.3f} of the light: lower alpha·body_colour (π α c_b = {self.body_albedo:.3f}) or beta"
-                + (f", or transmission ({self.transmission:g})" if self.transmits else "")
-            )
+        self._check_energy(who)
+
+    def __repr__(self) -> str:
+        """What is not as it is by default."""
+        return f"Reflectance({', '.join(f'{key}={value!r}' for key, value in self._stated().items())})"
 
     def weights(self, axis: Array3f, to_lamp: Array3f, to_eye: Array3f) -> Weights | AllWeights:
         """Weights of f of its element [1/sr], see `element_weights`, of all its lobes; `AllWeights` if it transmits."""
@@ -164,7 +177,7 @@ class Reflectance:
         wavelengths = np.atleast_1d(np.asarray(550.0 if wavelength_nm is None else wavelength_nm, np.float64))
         shape, directions = broadcast_directions(axis=axis, to_lamp=to_lamp, to_eye=to_eye)
         parts = [numbers_of(weight) for weight in self.weights(*directions)]
-        colours = (self.body_colour, self.interface_colour, *(self.transmitted if self.transmits else ()))
+        colours = (self.shown_body_colour, self.interface_colour, *(self.transmitted if self.transmits else ()))
         each = (part[:, None] * colour.at(wavelengths) for part, colour in zip(parts, colours, strict=True))
         return np.broadcast_to(sum(each, np.zeros(1)), (math.prod(shape), wavelengths.size)).reshape(*shape, -1)
 
@@ -235,8 +248,8 @@ class Reflectance:
         return once + clear * through, clear * twice
 
     def _reflected(self, axis: Array3f, to_lamp: Array3f, to_eye: Array3f) -> Weights:
-        shape, body_law = (self.gamma, self.n, self.nu), (self.epsilon, self.sigma)
-        whole = element_weights(self.element, axis, to_lamp, to_eye, self.alpha, self.beta, *shape, *body_law)
+        shape = self.gamma, self.n, self.nu
+        whole = element_weights(self.element, axis, to_lamp, to_eye, self.alpha, self.beta, *shape, self)
         for beta, gamma in self.lobes:
             more = element_weights(self.element, axis, to_lamp, to_eye, 0.0, beta, gamma, self.n)
             whole = Weights(whole.body, whole.interface + more.interface)
@@ -244,6 +257,24 @@ class Reflectance:
 
     def _sends(self) -> str:
         return "sends on" if self.transmits else "reflects"
+
+    def _check_energy(self, who: str) -> None:
+        """`InputError` for a reflectance that gives back more than it receives."""
+        bare = math.pi * self.alpha * float(self.body_colour.values.max())
+        if bare > 1 + 1e-6 and self.shown_body_colour is not self.body_colour:
+            raise InputError(
+                f"{who} breaks energy conservation: without {' and '.join(self.body_departures)} its body reflects "
+                f"{bare:.3f} of the light (π α c_b): lower alpha·body_colour"
+            )
+        albedo = self.directional_albedo()
+        worst = int(np.argmax(albedo))
+        if albedo[worst] > 1 + 1e-6:
+            seen = SEEN[self.element].format(math.degrees(VIEWS[worst]))
+            raise InputError(
+                f"{who} breaks energy conservation: {seen}it {self._sends()} "
+                f"{albedo[worst]:.3f} of the light: lower alpha·body_colour (π α c_b = {self.body_albedo:.3f}) or beta"
+                + (f", or transmission ({self.transmission:g})" if self.transmits else "")
+            )
 
     def _check_transmission(self, who: str) -> None:
         if self.clearness > 0.0 and self.element != "cylinder":
@@ -271,9 +302,20 @@ class Reflectance:
                 )
 
     @property
-    def has_lambert_body(self) -> bool:
-        """Whether the body follows Lambert's law: ε = σ = 0."""
-        return self.epsilon == 0.0 and self.sigma == 0.0
+    def shown_body_colour(self) -> Spectrum:
+        """The colour of the body as it shows, see `shown`: what pictures and `evaluate` have."""
+        return self.shown(self.body_colour)
+
+    def shown(self, colour: Spectrum) -> Spectrum:
+        """A body colour as the law of the body lets it show, at its own wavelengths and, where light is seen, each
+        FINEST_STEP; the same object where the law changes no colours.
+        """
+        if self.shown_colour(colour.values, self.alpha) is colour.values:
+            return colour
+        seen = np.arange(*CONSTANT_RANGE, FINEST_STEP) if np.ptp(colour.values) > 0.0 else np.empty(0)
+        first, last = colour.wavelengths[[0, -1]]
+        wavelengths = np.union1d(colour.wavelengths, seen[(seen > first) & (seen < last)])
+        return Spectrum(wavelengths, self.shown_colour(colour.at(wavelengths), self.alpha))
 
     @property
     def transmits(self) -> bool:
@@ -298,8 +340,8 @@ class Reflectance:
 
     @property
     def body_albedo(self) -> float:
-        """π α c_b at the wavelength (400–700 nm) where the body reflects most."""
-        return math.pi * self.alpha * _largest(self.body_colour)
+        """π α c_b at the wavelength (400–700 nm) where the body reflects most, c_b as it shows."""
+        return math.pi * self.alpha * _largest(self.shown_body_colour)
 
     @property
     def interface_albedo(self) -> float:
@@ -313,7 +355,7 @@ class Reflectance:
         """∫ f dL of the element over all lamp directions, at the worst wavelength: (13,), see `interface_albedo`."""
         ratio: Any = 1.0
         if not self.has_lambert_body:
-            ratio = body_albedo_ratio(float(self.epsilon), float(self.sigma), tuple(VIEWS.tolist()))
+            ratio = body_albedo_ratio(self.body_law, tuple(VIEWS.tolist()))
         return (
             self.body_albedo * ratio + self._interface() * _largest(self.interface_colour) + self.transmitted_albedo()
         )
@@ -337,17 +379,18 @@ class Reflectance:
         return albedo
 
     def record(self) -> dict[str, Any]:
-        """Plain figures; `reflectance_from_record` reads them back. Gaussian facets have no key `nu`, bodies after
-        Lambert none of `epsilon` and `sigma`.
+        """Plain figures; `reflectance_from_record` reads them back. What is as it is by default has no key, but for
+        those of ALWAYS_RECORDED, nor has what says how light passes through where none does.
         """
-        figures = {key: getattr(self, key) for key in ("name", "alpha", "beta", "gamma", "n", "element")}
-        figures |= {} if is_gaussian(self.nu) else {"nu": self.nu}
-        figures |= {"lobes": [list(lobe) for lobe in self.lobes]} if self.lobes else {}
-        figures |= {} if self.has_lambert_body else {"epsilon": self.epsilon, "sigma": self.sigma}
-        if self.transmits:
-            figures |= {"transmission": self.transmission, "clearness": self.clearness}
-            figures |= {"transmitted_colour": self.transmitted[0].record()}
-        return figures | {key: getattr(self, key).record() for key in ("body_colour", "interface_colour")}
+        stated = self._stated() | {key: getattr(self, key) for key in ALWAYS_RECORDED}
+        passes = self.transmits
+        return {key: _recorded(value) for key, value in stated.items() if passes or ROWS[key].part != "through"}
+
+    def _stated(self) -> dict[str, Any]:
+        """Parameters that are not as they are by default, by name; those of the law of the body last."""
+        every = sorted(fields(self), key=lambda each: bool(each.kw_only))
+        values = {each.name: (getattr(self, each.name), each.default) for each in every}
+        return {key: value for key, (value, plain) in values.items() if plain is MISSING or value != plain}
 
 
 def reflectance_from_record(record: Any, where: str, folder: str | Path | None = None) -> Reflectance:
@@ -364,15 +407,20 @@ def reflectance_from_record(record: Any, where: str, folder: str | Path | None =
         return skin_colour(pigment_from_record(source, f"{where}: body_colour")) if by_pigment else colour(source)
 
     given = decode(_without_gaussian_nu(record), ReflectanceRecord, where)
-    nu = GAUSSIAN if given.nu is None else given.nu
+    values = {each.name: getattr(given, each.name) for each in fields(Reflectance)}
     with described(where):
-        interface = NEUTRAL if given.interface_colour == 1.0 else colour(given.interface_colour)
-        colours = body(given.body_colour), interface
-        body_law = given.epsilon, given.sigma
-        numbers = given.alpha, given.beta, given.gamma, given.n
-        through = None if given.transmitted_colour is None else colour(given.transmitted_colour)
-        passes = given.transmission, through, given.clearness
-        return Reflectance(*numbers, *colours, given.element, given.name, nu, *body_law, given.lobes, *passes)
+        values["nu"] = GAUSSIAN if given.nu is None else given.nu
+        values["body_colour"] = body(given.body_colour)
+        values["interface_colour"] = NEUTRAL if given.interface_colour == 1.0 else colour(given.interface_colour)
+        values["transmitted_colour"] = None if given.transmitted_colour is None else colour(given.transmitted_colour)
+        return Reflectance(**values)
+
+
+def _recorded(value: Any) -> Any:
+    """A value as records hold it: spectra as tables, lobes as lists."""
+    if isinstance(value, tuple):
+        return [list(each) for each in value]
+    return value.record() if isinstance(value, Spectrum) else value
 
 
 def _without_gaussian_nu(record: Any) -> Any:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import fields
+from typing import NamedTuple
 
 import drjit as dr
 import numpy as np
@@ -11,7 +13,7 @@ import numpy as np
 from hagoromo.backend import Array3f, Float, UInt, arrays, lookup
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.element import ELEMENTS, element_weights, graded_place, sphere_body, sphere_table
-from hagoromo.reflectance.facets import GAUSSIAN, is_gaussian
+from hagoromo.reflectance.parameters import PLAIN_BODY, ROWS, BodyLaw
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.reflectance.torrance_sparrow import Weights, cos_deviation, fresnel
 from hagoromo.reflectance.transmission import (
@@ -26,37 +28,43 @@ from hagoromo.reflectance.transmission import (
 from hagoromo.transport.palette import Palette, position_of
 
 SPHERE_ENTRIES = 256  # of the table over χ of the sphere's interface part
+FAR_BODY, CLEAR_SHARE = "weight of far-side body light", "share of clear light"
+CLEAR_WIDTHS = "width of the first lobe of clear light", "width of its second lobe"
+FIGURES = "alpha", "beta", "gamma", "n", "nu"
+
+
+class Figures(NamedTuple):
+    """What `element_weights` takes of a material."""
+
+    alpha: Float
+    beta: Float
+    gamma: Float
+    n: Float
+    nu: Float
+    body_law: BodyLaw
 
 
 class Materials:
-    """Reflectances as rows that kernels read: alpha, beta, gamma, n, element, then coefficients on the palette.
+    """Reflectances as rows of numbers that kernels read, by the names of `columns`.
 
-    Where the body of some reflectance departs from Lambert's law, `epsilon` and `sigma` follow; where the facets of
-    some have tails, `nu` is the last entry (infinity: Gaussian facets). Otherwise there are no such entries, and
-    kernels compute Lambert's law and Gaussian facets alone. Before all these stand beta and gamma of further lobes, as
-    many as the reflectance with most of them has; they are those of planes and cylinders, a sphere's are in its table.
-    Where some transmit, the weight of far-side body light, the share of clear light and the widths of its two lobes
-    follow; only then do kernels hold anything of transmission.
+    First stand the parameters that always have a column (see `Parameter.column`), then coefficients on the palette,
+    then β and γ of further lobes, as many as the reflectance with most of them has; they are those of planes and
+    cylinders, a sphere's are in its table. Parameters from whose plain value some reflectance departs follow. Others
+    have no column: kernels compute with the number itself, so Lambert's law and Gaussian facets cost nothing. Where
+    some transmit, the weight of far-side body light, the share of clear light and the widths of its two lobes are last;
+    only then do kernels hold anything of transmission.
     """
 
     def __init__(self, reflectances: Sequence[Reflectance], palette: Palette) -> None:
         jit, self.palette, self.count = arrays(), palette, len(reflectances)
         self.elements = tuple(sorted({r.element for r in reflectances}))
-        self.have_tails = not all(is_gaussian(r.nu) for r in reflectances)
-        self.have_body_laws = not all(r.has_lambert_body for r in reflectances)
         self.lobes = max(len(r.lobes) for r in reflectances)
         self.transmit = any(r.transmits for r in reflectances)
-        further = [
-            _lobes(r, self.lobes)
-            + [r.epsilon, r.sigma] * self.have_body_laws
-            + _passed_row(r) * self.transmit
-            + [r.nu] * self.have_tails
-            for r in reflectances
-        ]
-        own = [_row(r, palette) for r in reflectances]
-        rows = np.array([row + more for row, more in zip(own, further, strict=True)], np.float32)
-        self.width = rows.shape[1]
-        self.rows = lookup(jit.Float, rows)
+        always, departing = columns_of(reflectances)
+        rows = [_row(r, palette, self.lobes, always, departing, self.transmit) for r in reflectances]
+        self.columns = {name: place for place, name in enumerate(rows[0])}
+        self.width, self.have_tails = len(self.columns), "nu" in self.columns
+        self.rows = lookup(jit.Float, np.array([list(row.values()) for row in rows], np.float32))
         tables = [_sphere_table(r, self.have_tails) for r in reflectances if r.element == "sphere"]
         self.spheres = lookup(jit.Float, np.concatenate(tables)) if tables else None
         order = np.cumsum([r.element == "sphere" for r in reflectances]) - 1
@@ -67,13 +75,15 @@ class Materials:
         self.fibre_of = lookup(jit.UInt, np.maximum(order, 0).astype(np.uint32)) if clear else None
         dr.eval(self.rows, self.spheres, self.sphere_of, self.fibres, self.fibre_of)
 
-    def read(self, material: UInt, entry: int) -> Float:
-        """One entry of the row of `material` (UInt)."""
-        return dr.gather(arrays().Float, self.rows, material * self.width + entry)
+    def read(self, material: UInt, name: str) -> Float:
+        """One number of `material` (UInt): that of a column, or the plain value of a parameter that has none."""
+        if name not in self.columns:
+            return ROWS[name].plain
+        return dr.gather(arrays().Float, self.rows, material * self.width + self.columns[name])
 
     def coefficients(self, material: UInt) -> list[Float]:
         """Coefficients of a material's body and interface colours on the palette."""
-        return [self.read(material, 5 + j) for j in range(len(self.palette.colours))]
+        return [self.read(material, _colour(j)) for j in range(len(self.palette.colours))]
 
     def weights(
         self, material: UInt, axis: Array3f, to_lamp: Array3f, to_eye: Array3f, gamma: Float | None = None
@@ -91,37 +101,30 @@ class Materials:
 
     def facing(self, material: UInt, axis: Array3f, to_eye: Array3f) -> Array3f:
         """The normal of the side that the eye sees of a plane that transmits; other axes as they are."""
-        sheet = (self.read(material, 4) == ELEMENTS.index("plane")) & (self.passed(material, 0) > 0.0)
+        sheet = (self.read(material, "element") == ELEMENTS.index("plane")) & (self.read(material, FAR_BODY) > 0.0)
         return dr.select(sheet, facing(axis, to_eye), axis)
-
-    def passed(self, material: UInt, entry: int) -> Float:
-        """Weight of far-side body light, share of clear light, or width of its first or second lobe."""
-        first = 5 + len(self.palette.colours) + 2 * (self.lobes + self.have_body_laws)
-        return self.read(material, first + entry)
 
     def _transmitted(self, material: UInt, axis: Array3f, to_lamp: Array3f, to_eye: Array3f) -> tuple[Float, Float]:
         """Weights of light that has passed through once, and twice as far."""
-        element, body = self.read(material, 4), arrays().Float(0)
+        element, body = self.read(material, "element"), arrays().Float(0)
         for name in self.elements:
             body = dr.select(element == ELEMENTS.index(name), far_body(name, axis, to_lamp, to_eye), body)
-        once, share = self.passed(material, 0) * body, self.passed(material, 1)
+        once, share = self.read(material, FAR_BODY) * body, self.read(material, CLEAR_SHARE)
         if self.fibres is None:
             return once, arrays().Float(0)
         table = table_from(self.fibres, dr.gather(arrays().UInt, self.fibre_of, material))
-        widths = self.passed(material, 2), self.passed(material, 3)
-        through, twice = clear_lobes(axis, to_lamp, to_eye, self.read(material, 3), widths, table)
+        first, second = (self.read(material, width) for width in CLEAR_WIDTHS)
+        through, twice = clear_lobes(axis, to_lamp, to_eye, self.read(material, "n"), (first, second), table)
         return dr.fma(share, through, once), share * twice
 
     def _reflected(
         self, material: UInt, axis: Array3f, to_lamp: Array3f, to_eye: Array3f, gamma: Float | None
     ) -> Weights:
-        alpha, beta, own, n, element = (self.read(material, entry) for entry in range(5))
-        gamma = own if gamma is None else gamma
-        nu = self.read(material, self.width - 1) if self.have_tails else GAUSSIAN
-        body_law = self.body_law(material)
+        alpha, beta, own, n, nu, element = (self.read(material, name) for name in (*FIGURES, "element"))
+        figures = Figures(alpha, beta, own if gamma is None else gamma, n, nu, self.body_law(material))
         chosen: Weights | None = None
         for name in self.elements:
-            weights = self._element(name, material, axis, to_lamp, to_eye, alpha, beta, gamma, n, nu, body_law)
+            weights = self._element(name, material, axis, to_lamp, to_eye, figures)
             if chosen is None:
                 chosen = weights
             else:
@@ -130,20 +133,17 @@ class Materials:
         assert chosen is not None
         return self._with_lobes(chosen, material, axis, to_lamp, to_eye)
 
-    def body_law(self, material: UInt) -> tuple[Float, Float]:
-        """ε and σ of a material's body; the numbers 0 where all are after Lambert."""
-        if not self.have_body_laws:
-            return 0.0, 0.0
-        first = 5 + len(self.palette.colours) + 2 * self.lobes
-        return self.read(material, first), self.read(material, first + 1)
+    def body_law(self, material: UInt) -> BodyLaw:
+        """The law of a material's body, with plain numbers where all materials have them."""
+        return BodyLaw(**{name: self.read(material, name) for name in PLAIN_BODY})
 
     def _with_lobes(
         self, weights: Weights, material: UInt, axis: Array3f, to_lamp: Array3f, to_eye: Array3f
     ) -> Weights:
         """`weights` and what the further lobes of `material` add; a lobe that a material lacks has β = 0."""
-        n, element, interface = self.read(material, 3), self.read(material, 4), weights.interface
+        n, element, interface = self.read(material, "n"), self.read(material, "element"), weights.interface
         for k in range(self.lobes):
-            beta, gamma = (self.read(material, 5 + len(self.palette.colours) + 2 * k + part) for part in (0, 1))
+            beta, gamma = (self.read(material, column) for column in _lobe(k))
             for name in self.elements:
                 if name != "sphere":
                     more = element_weights(name, axis, to_lamp, to_eye, 0.0, beta, gamma, n).interface
@@ -151,25 +151,14 @@ class Materials:
         return Weights(weights.body, interface)
 
     def _element(
-        self,
-        name: str,
-        material: UInt,
-        axis: Array3f,
-        to_lamp: Array3f,
-        to_eye: Array3f,
-        alpha: Float,
-        beta: Float,
-        gamma: Float,
-        n: Float,
-        nu: Float,
-        body_law: tuple[Float, Float],
+        self, name: str, material: UInt, axis: Array3f, to_lamp: Array3f, to_eye: Array3f, figures: Figures
     ) -> Weights:
         """As `element_weights`, with the sphere's facets from its table."""
         if name != "sphere":
-            return element_weights(name, axis, to_lamp, to_eye, alpha, beta, gamma, n, nu, *body_law)
+            return element_weights(name, axis, to_lamp, to_eye, *figures)
         cos_phase = dr.dot(to_lamp, to_eye)
-        mirror = beta * fresnel(cos_deviation(cos_phase), n)
-        return Weights(alpha * sphere_body(cos_phase), mirror * self._sphere(material, cos_phase))
+        mirror = figures.beta * fresnel(cos_deviation(cos_phase), figures.n)
+        return Weights(figures.alpha * sphere_body(cos_phase), mirror * self._sphere(material, cos_phase))
 
     def _sphere(self, material: UInt, cos_phase: Float) -> Float:
         """Linear look-up of the sphere's facets at χ = arccos(L·V)."""
@@ -184,10 +173,31 @@ class Materials:
         return dr.fma(at - jit.Float(first), high - low, low)
 
 
-def _lobes(r: Reflectance, count: int) -> list[float]:
+def columns_of(reflectances: Sequence[Reflectance]) -> tuple[list[str], list[str]]:
+    """Parameters that have a column on the device: those that always have one, and those from whose plain value some
+    of the reflectances departs.
+    """
+    every = [ROWS[each.name] for each in fields(Reflectance)]
+    departing = [row for row in every if row.column == "departing"]
+    departs = [row.name for row in departing if any(getattr(r, row.name) != row.plain for r in reflectances)]
+    return [row.name for row in every if row.column == "always"], departs
+
+
+def _colour(number: int) -> str:
+    """Column of a coefficient on the palette."""
+    return f"colour {number}"
+
+
+def _lobe(number: int) -> tuple[str, str]:
+    """Columns of β and γ of a further lobe."""
+    return f"beta of lobe {number}", f"gamma of lobe {number}"
+
+
+def _lobes(r: Reflectance, count: int) -> dict[str, float]:
     """β and γ of `count` further lobes; those that `r` lacks, and those of a sphere, have β = 0."""
     own = [] if r.element == "sphere" else list(r.lobes)
-    return [number for lobe in (own + [(0.0, 1.0)] * count)[:count] for number in lobe]
+    lobes = (own + [(0.0, 1.0)] * count)[:count]
+    return {name: number for k, lobe in enumerate(lobes) for name, number in zip(_lobe(k), lobe, strict=True)}
 
 
 def _sphere_table(r: Reflectance, graded: bool) -> np.ndarray:
@@ -198,11 +208,22 @@ def _sphere_table(r: Reflectance, graded: bool) -> np.ndarray:
     return table
 
 
-def _row(r: Reflectance, palette: Palette) -> list[float]:
-    own = _one(r.body_colour, palette.bodies) + _one(r.interface_colour, palette.interfaces)
+def _row(
+    r: Reflectance, palette: Palette, lobes: int, always: Sequence[str], departing: Sequence[str], passes: bool
+) -> dict[str, float]:
+    """The numbers of a material by the names of their columns; passes: with those of light that passes through."""
+    own = _one(r.shown_body_colour, palette.bodies) + _one(r.interface_colour, palette.interfaces)
     own += _one(r.transmitted[0] if r.transmits else None, palette.transmitted)
     own += _one(r.transmitted[1] if r.clear_share > 0.0 else None, palette.twice)
-    return [r.alpha, r.beta, r.gamma, r.n, ELEMENTS.index(r.element), *own]
+    row = _numbers(r, always) | {_colour(j): share for j, share in enumerate(own)}
+    row |= _lobes(r, lobes) | _numbers(r, departing)
+    return row | (_passed(r) if passes else {})
+
+
+def _numbers(r: Reflectance, names: Sequence[str]) -> dict[str, float]:
+    """Parameters as numbers: the element by its place in ELEMENTS."""
+    held = {name: getattr(r, name) for name in names}
+    return {name: ELEMENTS.index(value) if name == "element" else float(value) for name, value in held.items()}
 
 
 def _one(colour: Spectrum | None, among: Sequence[Spectrum]) -> list[float]:
@@ -211,5 +232,7 @@ def _one(colour: Spectrum | None, among: Sequence[Spectrum]) -> list[float]:
     return [float(j == place) for j in range(len(among))]
 
 
-def _passed_row(r: Reflectance) -> list[float]:
-    return [r.far_body, r.clear_share, *lobe_widths(float(r.gamma), float(r.n))]
+def _passed(r: Reflectance) -> dict[str, float]:
+    """What kernels know of light that passes through."""
+    first, second = lobe_widths(float(r.gamma), float(r.n))
+    return {FAR_BODY: r.far_body, CLEAR_SHARE: r.clear_share, CLEAR_WIDTHS[0]: first, CLEAR_WIDTHS[1]: second}

@@ -71,7 +71,7 @@ class Palette:
 
 def palette_of(reflectances: Sequence[Reflectance], bases: Sequence[Spectrum], lamps: Sequence[Spectrum]) -> Palette:
     """The distinct spectra of some reflectances, further body colours and lamps."""
-    bodies = [r.body_colour for r in reflectances]
+    bodies = [r.shown_body_colour for r in reflectances]
     once = distinct([r.transmitted[0] for r in reflectances if r.transmits])
     twice = distinct([r.transmitted[1] for r in reflectances if r.clear_share > 0.0])
     interfaces = distinct([r.interface_colour for r in reflectances])

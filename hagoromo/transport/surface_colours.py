@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.backend import Array3f, Bool, Float, UInt, arrays, check_entries, lookup
-from hagoromo.transport.materials import Materials
+from hagoromo.transport.materials import FAR_BODY, Materials
 from hagoromo.transport.sample import Element
 
 NONE, OWN_UV, MESH_UV, VERTICES = 0, 1, 2, 3  # where the values of a surface come from
@@ -189,10 +189,10 @@ def surface_element(
     thickness: of sheets, between the points of hits on their two sides [m]; None where no surface lets light through.
     """
     material = first + hit.surface
-    gamma = None if colours is None else colours.gamma(hit, materials.read(material, 2))
+    gamma = None if colours is None else colours.gamma(hit, materials.read(material, "gamma"))
     across = None
     if thickness is not None:
-        across = hit.flat * dr.select(materials.passed(material, 0) > 0.0, -thickness, 0.0)
+        across = hit.flat * dr.select(materials.read(material, FAR_BODY) > 0.0, -thickness, 0.0)
     return Element(hit.normal, material, gamma=gamma, across=across)
 
 

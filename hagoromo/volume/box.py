@@ -82,7 +82,18 @@ class VolumeBox(BoxHeader, _Bricks):
             )
         if len(self.basis) > 4:
             raise InputError(f"volume box {self.name!r}: basis has {len(self.basis)} spectra: give at most 4")
+        self._check_colours()
         object.__setattr__(self, "pose", rigid_pose(self.pose, f"the pose of volume box {self.name!r}"))
+
+    def _check_colours(self) -> None:
+        """`InputError` where a law of the body would have to change the colour of each voxel."""
+        for made in self.materials if self.basis else ():
+            if made.shown_body_colour is not made.body_colour:
+                law = ", ".join(made.body_departures)
+                raise InputError(
+                    f"volume box {self.name!r}: its voxels have colours of their own, and {law} of material"
+                    f" {made.name!r} would change them: leave that out, or give the box no basis"
+                )
 
     def __repr__(self) -> str:
         """The name, the voxels and the materials."""

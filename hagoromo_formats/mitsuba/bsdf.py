@@ -41,6 +41,6 @@ def numbers_of(reflectance: Reflectance) -> dict[str, Any]:
         raise InputError(f"{who}: Mitsuba's BSDF has no place for {said}: give a 'plane' with transmission = 0")
     record: dict[str, Any] = {key: float(getattr(reflectance, key)) for key in NUMBERS}
     record |= {} if is_gaussian(reflectance.nu) else {"nu": float(reflectance.nu)}
-    record |= {} if reflectance.has_lambert_body else {"epsilon": reflectance.epsilon, "sigma": reflectance.sigma}
+    record |= reflectance.body_departures
     lobes = ", ".join(f"{beta:.9g} {gamma:.9g}" for beta, gamma in reflectance.lobes)
     return record | ({"lobes": lobes} if lobes else {})

@@ -19,6 +19,7 @@ from hagoromo.errors import InputError
 from hagoromo.files.memory import require
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.facets import HALF_OF_GGX
+from hagoromo.reflectance.parameters import PLAIN_BODY
 from hagoromo.reflectance.parameters import lost as lost_parameters
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.box import VolumeBox
@@ -94,8 +95,8 @@ def shares_of(material: Reflectance) -> tuple[float, float]:
 
 def _sphere(material: Reflectance, cosines: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Weights of a sphere of the material at cosχ = L·V [1/sr]."""
-    real, even = arrays().Array3f64, {"epsilon": 0.0, "sigma": 0.0, "transmission": 0.0, "clearness": 0.0}
-    ball = replace(material, element="sphere", **even)
+    real = arrays().Array3f64
+    ball = replace(material, element="sphere", transmission=0.0, clearness=0.0, **PLAIN_BODY)
     sine = np.sqrt(np.maximum(1.0 - cosines**2, 0.0))
     weights = ball.weights(real(0, 0, 1), real(np.stack([sine, 0.0 * sine, cosines])), real(0, 0, 1))
     return np.array(weights.body), np.array(weights.interface)

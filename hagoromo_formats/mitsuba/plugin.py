@@ -4,10 +4,10 @@
         <string name="file" value="materials.json"/> <string name="material" value="silk"/>
     </bsdf>
 
-or by its parameters alpha, beta, gamma, n (and nu, epsilon, sigma, lobes) as numbers, of which beta and gamma may be
-raw textures; body_colour and interface_colour as spectra or textures. Mitsuba's `wi` is the direction to the eye, `wo`
-that to the lamp, and its value is the radiance for a unit irradiance that faces the lamp, cosine included: the weights
-of `torrance_sparrow`. Surfaces reflect alike on both sides.
+or by its parameters alpha, beta, gamma, n (and nu, lobes, those of the body's law) as numbers, of which beta and gamma
+may be raw textures; body_colour and interface_colour as spectra or textures. Mitsuba's `wi` is the direction to the
+eye, `wo` that to the lamp, and its value is the radiance for a unit irradiance that faces the lamp, cosine included:
+the weights of `torrance_sparrow`. Surfaces reflect alike on both sides.
 """
 
 from __future__ import annotations
@@ -19,9 +19,10 @@ import drjit as dr
 import numpy as np
 
 from hagoromo.errors import InputError
-from hagoromo.reflectance.body import body_factor
+from hagoromo.reflectance.body import is_number
 from hagoromo.reflectance.facets import GAUSSIAN
 from hagoromo.reflectance.material.material_table import reflectance_from_table
+from hagoromo.reflectance.parameters import BodyLaw
 from hagoromo.reflectance.reflectance import LARGEST_GAMMA, SMALLEST_GAMMA, Reflectance
 from hagoromo.reflectance.sampling import LobeShare, density_of_lobes, to_lamp_by_lobes
 from hagoromo.reflectance.torrance_sparrow import Weights, torrance_sparrow
@@ -63,11 +64,12 @@ def _kind(name: str) -> Any:
             made = _reflectance(props, {key: _largest(texture) for key, texture in (given | self.placed).items()})
             self.colours = [given.get(key) or mi.load_dict(colour_of(getattr(made, key))) for key in COLOURS]
             self.numbers = {key: mi.Float(getattr(made, key)) for key in NUMBERS}
-            self.law = None if made.has_lambert_body else (mi.Float(made.epsilon), mi.Float(made.sigma))
+            law = {key: mi.Float(value) for key, value in made.body_departures.items()}
             self.nu = GAUSSIAN if made.nu == GAUSSIAN else mi.Float(made.nu)
             self.lobes = [tuple(mi.Float(x) for x in lobe) for lobe in made.lobes]
             self.shares = [mi.Float(share) for share in made.lobe_shares()]
-            dr.make_opaque(self.numbers, self.law, self.lobes, self.shares)
+            dr.make_opaque(self.numbers, law, self.lobes, self.shares)
+            self.made, self.law = made, BodyLaw(**law)
             self.m_components = [flags.DiffuseReflection | sides, flags.GlossyReflection | sides]
             self.m_flags = self.m_components[0] | self.m_components[1]
 
@@ -107,13 +109,18 @@ def _kind(name: str) -> Any:
             value = mi.UnpolarizedSpectrum(0.0)
             for number, kind in enumerate((flags.DiffuseReflection, flags.GlossyReflection)):
                 if ctx.is_enabled(kind, number):
-                    value += self.colours[number].eval(si, active) * weights[number]
+                    value += self._colour(number, si, active) * weights[number]
             return dr.select(good, value, 0.0), dr.select(
                 good, density_of_lobes(to_lamp, view, self._lobes(ctx, gamma)), 0.0
             )
 
         def eval_diffuse_reflectance(self, si: Any, active: Any = True) -> Any:
-            return self.colours[0].eval(si, active) * self.numbers["alpha"] * dr.pi
+            return self._colour(0, si, active) * self.numbers["alpha"] * dr.pi
+
+        def _colour(self, number: int, si: Any, active: Any) -> Any:
+            """Of body (0) or interface (1), the body's as it shows."""
+            colour = self.colours[number].eval(si, active)
+            return colour if number else self.made.shown_colour(colour, self.numbers["alpha"])
 
         def _shares(self, ctx: Any) -> list[Any]:
             """Of the samples, for every lobe of the interface; the rest is for the body."""
@@ -144,9 +151,8 @@ def _kind(name: str) -> Any:
             body, interface = torrance_sparrow(normal, to_lamp, view, alpha, beta, gamma, n, self.nu)
             for more, width in self.lobes:
                 interface = interface + torrance_sparrow(normal, to_lamp, view, alpha, more, width, n).interface
-            if self.law is not None:
-                body = body * body_factor(to_lamp.z, view.z, dr.dot(to_lamp, view), *self.law)
-            return Weights(body, interface)
+            factor = self.law.body_factor(to_lamp.z, view.z, dr.dot(to_lamp, view))
+            return Weights(body if is_number(factor, 1.0) else body * factor, interface)
 
         def to_string(self) -> str:
             return "Hagoromo[" + ", ".join(f"{key} = {value}" for key, value in self.numbers.items()) + "]"

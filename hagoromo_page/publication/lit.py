@@ -63,7 +63,7 @@ def _weights(maps: SurfaceMaps, material: MaterialEstimate, vectors: tuple[Any, 
         tail = maps.tail[known]
         nu = real(np.where(tail > 0.0, 1.0 / np.maximum(tail, 1e-6), np.inf))
     first, *further = [(real(b), real(np.maximum(g, NARROWEST))) for b, g in material.all_lobes(beta, gamma)]
-    whole = element_weights("plane", *vectors, 1.0, *first, material.n, nu, material.epsilon, material.sigma)
+    whole = element_weights("plane", *vectors, 1.0, *first, material.n, nu, material.body_law)
     interface = whole.interface
     for one in further:
         interface = interface + element_weights("plane", *vectors, 0.0, *one, material.n).interface

@@ -20,7 +20,7 @@ from hagoromo.light.spectrum import Spectrum
 from hagoromo.measurement.photographed import Photographed
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
-from hagoromo.reflectance.parameters import EVIDENCE, losses
+from hagoromo.reflectance.parameters import EVIDENCE, FITTED_BODY_LAW, losses
 from hagoromo_page.publication.colours import PageColours, page_colours
 from hagoromo_page.publication.document import Viewer, overhead
 from hagoromo_page.publication.page_lamps import PageLamp, jpeg_text, middle_of, page_lamp, photograph_picture
@@ -37,7 +37,7 @@ DISPLAY_KEY = 0.8  # display value of the brightest body under the first lamp of
 FIRST_LAMP = (-0.33, 0.36)  # on the page's disc, as in viewer.js
 # What the shader reads of a material; the colours of its parts and α are in `colours` and in the map of bodies
 ENTRIES: dict[str, Callable[[MaterialEstimate], Any]] = {
-    **{key: attrgetter(key) for key in ("beta", "gamma", "n", "epsilon", "sigma")},
+    **{key: attrgetter(key) for key in ("beta", "gamma", "n", *FITTED_BODY_LAW)},
     "tail": lambda one: 1.0 / one.nu,
     "lobes": lambda one: [list(lobe) for lobe in one.all_lobes(1.0, 1.0)[1:]],  # in β and γ of the first one
 }

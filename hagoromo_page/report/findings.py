@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
+from hagoromo.reflectance.parameters import FITTED_BODY_LAW
 
 SHARP, SOFT = math.radians(3.0), math.radians(12.0)  # half widths of highlights that are called sharp and soft
 SIGNIFICANT = 2.0  # standard errors from 0
@@ -96,7 +97,7 @@ def _body(material: MaterialEstimate, absolute: bool) -> list[str]:
     )
     departs = any(
         abs(getattr(material, key)) > SIGNIFICANT * (material.standard_error.get(key) or 0.0)
-        for key in ("epsilon", "sigma")
+        for key in FITTED_BODY_LAW
         if getattr(material, key) != 0.0
     )
     law = ["Its body departs from Lambert's law, as the table says."] if departs else []

@@ -30,7 +30,7 @@ from hagoromo.reflectance.facets import TAILS_OF_GGX
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
 from hagoromo.reflectance.material.material_html import materials_html
 from hagoromo.reflectance.material.materials_file import read_materials, write_materials
-from hagoromo.reflectance.parameters import EVIDENCE, EXPORTS, FORMATS, NUMBERS, PARAMETERS, VOLUMES, lost
+from hagoromo.reflectance.parameters import EVIDENCE, EXPORTS, FORMATS, NUMBERS, PARAMETERS, PLAIN_BODY, VOLUMES, lost
 from hagoromo.reflectance.reflectance import Reflectance, reflectance_from_record
 from hagoromo.transport.field.scattering import _figures
 from hagoromo.transport.materials import Materials
@@ -61,8 +61,8 @@ CLEAR = {"transmission": 0.3, "transmitted_colour": GREY, "element": "cylinder"}
 CHANGED = {
     "name": ("other", {}), "alpha": (0.25, {}), "beta": (0.2, {}), "gamma": (0.2, {}), "n": (1.7, {}),
     "body_colour": (RAMP, {}), "interface_colour": (RAMP, {}), "element": ("cylinder", {}), "nu": (1.1, {}),
-    "epsilon": (0.4, {}), "sigma": (0.4, {}), "lobes": (((0.05, 0.3),), {}), "transmission": (0.3, {}),
-    "transmitted_colour": (RAMP, CLEAR), "clearness": (0.5, CLEAR),
+    **{name: (plain + 0.4, {}) for name, plain in PLAIN_BODY.items()}, "lobes": (((0.05, 0.3),), {}),
+    "transmission": (0.3, {}), "transmitted_colour": (RAMP, CLEAR), "clearness": (0.5, CLEAR),
 }  # fmt: skip
 OF_LIGHT = [name for name in CHANGED if ROWS[name].part != "label"]
 FIRST = estimate("base", replace(TRUTHS[0], lobes=()))

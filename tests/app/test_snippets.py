@@ -69,3 +69,14 @@ def test_the_snippets_of_a_page_run(page, home, monkeypatch):
     names = {}
     for snippet in snippets(page):
         exec(compile(snippet, str(page), "exec"), names)
+
+
+def test_a_parameter_and_a_varnish_print_what_their_pages_say(capsys):
+    """Of "Add a parameter" and of the example of a varnish: what stands behind # beside or below what prints."""
+    said, printed = [], []
+    for page, word in (("architecture.md", "LambertBody"), ("model/reflection.md", "varnish_n")):
+        (snippet,) = (one for one in snippets(ROOT / "docs" / page) if word in one)
+        exec(compile(snippet, page, "exec"), {})
+        said += re.findall(r"^(?:print\(.*\)  )?# (.*)$", snippet, re.MULTILINE)
+        printed += capsys.readouterr().out.splitlines()
+    assert said == printed and len(said) == 5

@@ -76,7 +76,7 @@ def assert_same_picture(capture, views, fit, material):
 
     photograph = capture.photographs[0]
     sight = sight_of(photograph, views.points, fit.normals)
-    law = sight.body_of(material.epsilon, material.sigma)
+    law = sight.body_of(material.body_law)
     ours = law * fit.body.T + interface_of(sight, material)
     theirs = predicted(fit, views.to_lamp[:1], views.to_eye)[0].T * photograph.lamps[0].intensity
     assert abs(ours - theirs).max() < 2e-3 * theirs.max()

@@ -8,7 +8,7 @@ import pytest
 
 import hagoromo as hg
 from hagoromo.backend import arrays
-from hagoromo.reflectance.body import body_albedo_ratio, body_factor, diffuse_albedo_ratio
+from hagoromo.reflectance.body import RoughBody, body_albedo_ratio, body_factor, diffuse_albedo_ratio
 from hagoromo.reflectance.element import element_weights
 from hagoromo.reflectance.reflectance import reflectance_from_record
 
@@ -26,7 +26,8 @@ def upper(count: int, seed: int) -> np.ndarray:
 
 def body(lamp: np.ndarray, eye: np.ndarray, law: tuple[float, float]) -> np.ndarray:
     vector = arrays().Array3f64
-    weights = element_weights("plane", vector(0, 0, 1), vector(lamp), vector(eye), 1.0, 0.0, 0.2, 1.5, np.inf, *law)
+    figures = 1.0, 0.0, 0.2, 1.5, np.inf, RoughBody(epsilon=law[0], sigma=law[1])
+    weights = element_weights("plane", vector(0, 0, 1), vector(lamp), vector(eye), *figures)
     return np.array(weights.body)
 
 
@@ -42,16 +43,16 @@ def test_lamp_and_eye_can_change_places(law):
 @pytest.mark.parametrize("law", LAWS)
 def test_the_albedo_is_the_integral(law):
     """To the noise of 4·10⁵ directions; Minnaert's is 2/(2 + ε) cos^ε θ_r, where no cosine is held."""
-    lamp = upper(400_000, 2)
+    lamp, rough = upper(400_000, 2), RoughBody(epsilon=law[0], sigma=law[1])
     for view in (0.0, 0.9, 1.4):
         eye = np.broadcast_to([[math.sin(view)], [0.0], [math.cos(view)]], lamp.shape)
         integral = 2.0 * float(np.mean(body(lamp, eye, law)))  # over 2π, in units of π
-        assert float(body_albedo_ratio(*law, (view,))[0]) == pytest.approx(integral, rel=0.02)
+        assert float(body_albedo_ratio(rough, (view,))[0]) == pytest.approx(integral, rel=0.02)
     epsilon = law[0]
     if law[1] == 0.0:
         exact = 2.0 / (2.0 + epsilon) * math.cos(0.9) ** epsilon
-        assert float(body_albedo_ratio(*law, (0.9,))[0]) == pytest.approx(exact, rel=1e-3)
-        assert diffuse_albedo_ratio(*law) == pytest.approx((2.0 / (2.0 + epsilon)) ** 2, rel=2e-3)
+        assert float(body_albedo_ratio(rough, (0.9,))[0]) == pytest.approx(exact, rel=1e-3)
+        assert diffuse_albedo_ratio(rough) == pytest.approx((2.0 / (2.0 + epsilon)) ** 2, rel=2e-3)
 
 
 def angles(count: int, seed: int, sign: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -111,6 +112,22 @@ def test_a_record_keeps_the_law_and_lamberts_has_no_key():
     assert not {"epsilon", "sigma"} & MATTE.record().keys()
 
 
+def test_kernels_read_what_some_material_needs():
+    """The columns that they always have, one of the colour of body and interface each, and those that depart."""
+    always = ("alpha", "beta", "gamma", "n", "element", "colour 0", "colour 1")
+    camera = hg.Camera(8, 8, (8.0, 8.0), (4.0, 4.0)).look_at((0.0, -2.0, 0.0), (0.0, 0.0, 0.0))
+    for changed, more in (({}, ()), ({"epsilon": 0.3}, ("epsilon",)), ({"sigma": 0.1, "nu": 2.0}, ("sigma", "nu"))):
+        balls = [hg.Surface.sphere((k, 0.0, 0.0), 0.4, one) for k, one in enumerate((MATTE, replace(MATTE, **changed)))]
+        rays = hg.RayMarch(hg.Scene(camera, (hg.Lamp(to_lamp=(0.0, 0.0, 1.0)),), (), tuple(balls)))
+        assert rays.columns == (*always, *more)
+        rows = np.array(rays.materials).reshape(2, -1)
+        plain = {"epsilon": 0.0, "sigma": 0.0, "nu": np.inf}
+        assert rows[:, 7:].tolist() == [
+            [plain[name] for name in more],
+            np.array([changed[name] for name in more], np.float32).tolist(),
+        ]
+
+
 def test_box_and_surface_show_the_law():
     """A dense slab that does not shade itself, and a sphere, beside a plane of Lambert's law and a coated cylinder."""
     rough = replace(MATTE, epsilon=0.3, sigma=0.2, name="rough")
@@ -138,3 +155,11 @@ def test_box_and_surface_show_the_law():
     assert factor < 0.95
     assert values[2] / values[0] == pytest.approx(factor, rel=1e-4)
     assert values[3] / values[1] == pytest.approx(factor, rel=1e-4)
+
+
+def test_a_reflectance_prints_what_is_not_as_by_default():
+    shown = "Reflectance(alpha=0.15, beta=0.0, gamma=0.2, n=1.5, body_colour=Spectrum(360–830 nm, 1){})"
+    assert repr(MATTE) == shown.format("")
+    assert repr(replace(MATTE, name="chalk", nu=2.0, epsilon=0.3)) == shown.format(
+        ", name='chalk', nu=2.0, epsilon=0.3"
+    )

@@ -257,7 +257,7 @@ def on_normals(stage: Stage, photograph: Photograph) -> Array:
             continue
         view = sight_of(photograph, relief.points[region].astype(np.float64), relief.normals[region].astype(np.float64))
         interface = interface_of(view, material)
-        body = view.body_of(material.epsilon, material.sigma)
+        body = view.body_of(material.body_law)
         values[region] = body * (relief.body[region] @ matrix.T) + interface
     return values
 

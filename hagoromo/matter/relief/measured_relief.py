@@ -65,13 +65,10 @@ def surface_reflectances(
         interface = _on_basis(material.interface_colour, basis) if coloured else NEUTRAL
         colours = _on_basis(material.body_colour, basis), interface
         weights, shape = (material.alpha * dim, material.beta * dim), (material.gamma, material.n)
-        law = (
-            material.nu,
-            material.epsilon,
-            material.sigma,
-            tuple((beta * dim, gamma) for beta, gamma in material.lobes),
-        )
-        reflectances.append(Reflectance(*weights, *shape, *colours, "plane", material.name, *law))
+        lobes = tuple((beta * dim, gamma) for beta, gamma in material.lobes)
+        law = material.body_law.body_departures
+        made = Reflectance(*weights, *shape, *colours, "plane", material.name, material.nu, lobes, **law)
+        reflectances.append(made)
     return reflectances
 
 

@@ -65,7 +65,7 @@ class BodyMap:
             pixels = Pixels.where(capture, (self.labels == number) & known_shape(capture))
             geometry = sight_of(photograph, pixels.points, pixels.normals, self.white)
             index = pixels.rows, pixels.columns
-            body[index] = self.value[index] * geometry.body_of(material.epsilon, material.sigma)
+            body[index] = self.value[index] * geometry.body_of(material.body_law)
             if self.gloss is None:
                 interface[index] = interface_of(geometry, material)
             else:

@@ -12,9 +12,10 @@ import numpy as np
 from hagoromo.camera.response import Response, camera_white, response_matrix
 from hagoromo.errors import InputError
 from hagoromo.light.spectrum import Spectrum, smooth_rgb_basis
-from hagoromo.reflectance.body import diffuse_albedo_ratio
+from hagoromo.reflectance.body import RoughBody, diffuse_albedo_ratio
 from hagoromo.reflectance.element import Element
 from hagoromo.reflectance.material.material_html import decimals, materials_html
+from hagoromo.reflectance.parameters import FITTED_BODY_LAW, ROWS, BodyLaw
 from hagoromo.reflectance.reflectance import LARGEST_GAMMA, SMALLEST_GAMMA, Reflectance
 from hagoromo.reflectance.spectra.reflectance_prior import ReflectancePrior
 from hagoromo.reflectance.spectra.spectrum_estimate import Reading, SpectrumEstimate, reflectance_spectrum
@@ -25,7 +26,7 @@ LONGEST_PRINTED_NAME = 40  # characters of a name that `repr` shows
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class MaterialEstimate:
+class MaterialEstimate(RoughBody):
     """One measured material of a capture.
 
     pixels: number of pixels with its label. body_colour, interface_colour: one value per channel, of mean 1; an
@@ -64,8 +65,6 @@ class MaterialEstimate:
     gloss: Mapping[str, Any] | None = None
     convergence: Mapping[str, Any] | None = None
     nu: float = math.inf
-    epsilon: float = 0.0
-    sigma: float = 0.0
     lobes: tuple[tuple[float, float], ...] = ()
 
     def all_lobes(self, beta: Any = None, gamma: Any = None) -> list[tuple[Any, Any]]:
@@ -84,10 +83,15 @@ class MaterialEstimate:
         lobes = tuple((b, min(max(g, SMALLEST_GAMMA), LARGEST_GAMMA)) for b, g in further)
         return replace(self, beta=beta, gamma=gamma, lobes=lobes, nu=self.nu if nu is None else nu)
 
+    @property
+    def body_law(self) -> BodyLaw:
+        """The law of its body: of what is not measured of it, it has the plain values."""
+        return BodyLaw(**{key: getattr(self, key) for key in FITTED_BODY_LAW})
+
     def __repr__(self) -> str:
         name = self.name if len(self.name) <= LONGEST_PRINTED_NAME else self.name[: LONGEST_PRINTED_NAME - 1] + "…"
-        further = {"nu": not math.isinf(self.nu), "epsilon": self.epsilon != 0.0, "sigma": self.sigma != 0.0}
-        shown = [self._parameter(key) for key in (*PARAMETERS, *(key for key, has in further.items() if has))]
+        further = [key for key in ("nu", *FITTED_BODY_LAW) if getattr(self, key) != ROWS[key].plain]
+        shown = [self._parameter(key) for key in (*PARAMETERS, *further)]
         shown += [f"lobe(beta={beta:.3g}, gamma={gamma:.3g})" for beta, gamma in self.lobes]
         return f"MaterialEstimate({name!r}, {', '.join(shown)})"
 
@@ -121,11 +125,12 @@ class MaterialEstimate:
         interface = Spectrum.constant(1.0)
         if len(set(self.interface_colour)) > 1:
             interface = self._spectrum("interface", self.interface_colour, response, lamp_spectrum)
-        element, body_law, alpha = element or self.element, (self.epsilon, self.sigma), self.alpha
-        if element != "plane" and body_law != (0.0, 0.0):
-            alpha, body_law = alpha * diffuse_albedo_ratio(*body_law), (0.0, 0.0)
+        element, law, alpha = element or self.element, self.body_law, self.alpha
+        if element != "plane" and not law.has_lambert_body:
+            alpha, law = alpha * diffuse_albedo_ratio(law), BodyLaw()
         numbers = alpha, self.beta, self.gamma, self.n
-        return Reflectance(*numbers, body, interface, element, self.name, self.nu, *body_law, self.lobes)
+        more = self.nu, self.lobes
+        return Reflectance(*numbers, body, interface, element, self.name, *more, **law.body_departures)
 
     def _spectrum(
         self, part: str, colour: tuple[float, ...], response: Response | None, lamp_spectrum: Spectrum | None

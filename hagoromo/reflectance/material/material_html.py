@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING
 
 from markupsafe import Markup, escape
 
-from hagoromo.reflectance.parameters import NUMBERS, ROWS
+from hagoromo.reflectance.parameters import FITTED_BODY_LAW, MEASURED, ROWS
 
 if TYPE_CHECKING:
     from hagoromo.reflectance.material.material_estimate import MaterialEstimate
 
-OF_LAW = ("epsilon", "sigma")  # of the body; they are shown where they were estimated
-SYMBOLS = {each.name: each.shown for each in NUMBERS if each.part in ("body", "interface")}
-SYMBOLS |= {key: f"{SYMBOLS[key]} of the body" for key in OF_LAW}
+SYMBOLS = {each.name: each.shown for each in MEASURED if each.range is not None}
+SYMBOLS |= {key: f"{SYMBOLS[key]} of the body" for key in FITTED_BODY_LAW}  # shown where they were estimated
 PARAMETER_TITLES = ("material", "pixels", "parameter", "estimate", "standard error", "95 % interval", "identifiable")
 
 
@@ -31,7 +30,7 @@ def parameter_rows(material: MaterialEstimate) -> list[list[str]]:
     rows = []
     for key, symbol in SYMBOLS.items():
         error = material.standard_error.get(key)
-        if key in OF_LAW and error is None:
+        if key in FITTED_BODY_LAW and error is None:
             continue
         digits = decimals(error)
         low, high = (_figure(bound, digits) for bound in material.interval_95.get(key, (0.0, math.inf)))

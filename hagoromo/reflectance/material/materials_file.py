@@ -15,7 +15,7 @@ from hagoromo.files.record import Count, Record, WrittenBy, about, decode, read_
 from hagoromo.reflectance.element import Element
 from hagoromo.reflectance.facets import GAUSSIAN, TailExponent
 from hagoromo.reflectance.material.material_estimate import PARAMETERS, MaterialEstimate
-from hagoromo.reflectance.parameters import meaning, of_parameter
+from hagoromo.reflectance.parameters import FITTED_BODY_LAW, meaning, of_parameter
 
 UNKNOWN = "; null: it was not estimated"
 Bounds = tuple[float | None, float | None]  # null: no bound
@@ -112,7 +112,6 @@ class MaterialRecord(Record, frozen=True, kw_only=True):
 
 
 OF_PARAMETERS = {"standard_error": StandardErrors, "interval_95": Intervals, "identifiable": Identifiable}
-BODY_LAW = ("epsilon", "sigma")
 FIELDS = tuple(name for name in MaterialRecord.__struct_fields__ if name != "hagoromo")
 
 
@@ -160,7 +159,7 @@ def _material(entry: Any, where: str) -> MaterialEstimate:
     fields = {name: getattr(record, name) for name in FIELDS}
     for name in OF_PARAMETERS:
         fields[name] = msgspec.structs.asdict(fields[name])
-    for key in BODY_LAW:
+    for key in FITTED_BODY_LAW:
         if fields["standard_error"][key] is None:  # it was not estimated
             del fields["standard_error"][key], fields["identifiable"][key]
     fields["nu"] = GAUSSIAN if record.nu is None else record.nu

@@ -89,7 +89,7 @@ class MatterSamples:
     def area(self, material: UInt, axis: Array3f, way: Array3f) -> Float:
         """Projected area of the element of a material."""
         cosine, area = dr.dot(axis, way), arrays().Float(0)
-        element = self.materials.read(material, 4)
+        element = self.materials.read(material, "element")
         for name in self.materials.elements:
             area = dr.select(element == ELEMENTS.index(name), projected_area(name, cosine), area)
         return area

@@ -21,9 +21,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.backend import Array3f, Float, UInt, arrays, clip, lookup
+from hagoromo.reflectance.body import LAMBERT, LambertBody
 from hagoromo.reflectance.element import element_weights, projected_area, sphere_body, sphere_table
 from hagoromo.reflectance.facets import GAUSSIAN, is_gaussian
 from hagoromo.reflectance.interface_albedo import VIEWS, interface_albedo
+from hagoromo.reflectance.parameters import BodyLaw
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.reflectance.torrance_sparrow import cos_deviation, fresnel
 from hagoromo.reflectance.transmission import around_fibre, clear_lobes, facing, far_body, lobe_widths, table_from
@@ -138,7 +140,7 @@ def moments_and_blocks(
     gamma: float,
     n: float,
     nu: float,
-    body_law: tuple,
+    body_law: BodyLaw,
     lobes: tuple,
     passed: tuple[float, float],
     parts: int,
@@ -175,7 +177,7 @@ def _figures(r: Reflectance) -> tuple:
     lobes = [_widened(r, beta, gamma, GAUSSIAN) for beta, gamma in r.lobes]
     beta, gamma = _widened(r, r.beta, r.gamma, r.nu)
     passed = r.far_body, r.clear_share
-    return r.element, r.alpha, beta, gamma, r.n, r.nu, (r.epsilon, r.sigma), tuple(lobes), passed
+    return r.element, r.alpha, beta, gamma, r.n, r.nu, r.body_law, tuple(lobes), passed
 
 
 def _widened(r: Reflectance, beta: float, gamma: float, nu: float) -> tuple[float, float]:
@@ -224,12 +226,10 @@ def _of_others(element: str, figures: tuple, seen: NDArray) -> NDArray:
     through = _transmitted(element, passed, (gamma, n), axis, to_lamp, to_eye)
     axis = facing(axis, to_eye) if element == "plane" and max(passed) > 0.0 else axis
 
-    def weights_of(
-        alpha: float, beta: float, gamma: float, nu: float, law: tuple[float, float] = (0.0, 0.0)
-    ) -> list[NDArray]:
+    def weights_of(alpha: float, beta: float, gamma: float, nu: float, law: LambertBody = LAMBERT) -> list[NDArray]:
         a, b, g, index = (dr.opaque(jit.Float64, part) for part in (alpha, beta, gamma, n))  # literals compile anew
         exponent = nu if is_gaussian(nu) else dr.opaque(jit.Float64, nu)
-        both = element_weights(element, axis, to_lamp, to_eye, a, b, g, index, exponent, law[0], law[1])
+        both = element_weights(element, axis, to_lamp, to_eye, a, b, g, index, exponent, law)
         dr.eval(*both)
         return [np.broadcast_to(np.array(f), seen.size * x.size).reshape(seen.size, x.size) for f in both]
 

@@ -70,8 +70,8 @@ class Optics:
         is_glass, cosine = there & (kind == GLASS), dr.fmax(dr.dot(normal, to_eye), 0.0)
         around, within = dr.gather(arrays().UInt, self.around, material), glass == material + 1
         nested = around > 0
-        outside = dr.select(nested, self.materials.read(dr.select(nested, around - 1, material), 3), 1.0)
-        n = self.materials.read(material, 3) / outside
+        outside = dr.select(nested, self.materials.read(dr.select(nested, around - 1, material), "n"), 1.0)
+        n = self.materials.read(material, "n") / outside
         ratio = dr.select(within, n, dr.rcp(n))  # refractive index where the eye is, over that behind
         squared = 1.0 - ratio * ratio * (1.0 - cosine * cosine)
         behind = dr.sqrt(dr.fmax(squared, 0.0))

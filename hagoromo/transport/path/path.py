@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from hagoromo.backend import Array3f, Bool, Float, UInt, arrays, lookup
 from hagoromo.transport.lighting import Lighting
+from hagoromo.transport.materials import FAR_BODY
 from hagoromo.transport.path.bands import Bands
 from hagoromo.transport.path.free_flight import Collision, Matter, Random, first_collision, transmittance
 from hagoromo.transport.path.lights import Lights, front_of, share_of_drawn
@@ -141,7 +142,7 @@ class Walks:
             return event
         mixed = self.surface_colours.with_textures(event.coefficients, hit)
         mixed = [dr.select(there, own, old) for own, old in zip(mixed, event.coefficients, strict=True)]
-        plain = self.lighting.materials.read(event.material, 2)
+        plain = self.lighting.materials.read(event.material, "gamma")
         gamma = self.surface_colours.gamma(hit, plain)
         return replace(event, coefficients=mixed, gamma=None if gamma is None else dr.select(there, gamma, plain))
 
@@ -201,7 +202,7 @@ class Walks:
         """An event on a sheet on the side of it to which a direction points; others as they are."""
         if self.thickness is None:
             return event
-        behind = (dr.dot(event.face, direction) < 0.0) & (self.lighting.materials.passed(event.material, 0) > 0.0)
+        behind = (dr.dot(event.face, direction) < 0.0) & (self.lighting.materials.read(event.material, FAR_BODY) > 0.0)
         across = event.point - event.face * self.thickness
         return replace(
             event,

@@ -18,7 +18,7 @@ import numpy as np
 
 from hagoromo.backend import Array3f, Bool, Float, UInt, arrays, clip, lookup
 from hagoromo.directions import frame_about, local
-from hagoromo.reflectance.body import body_factor
+from hagoromo.reflectance.body import is_number
 from hagoromo.reflectance.element import ELEMENTS
 from hagoromo.reflectance.facets import GAUSSIAN
 from hagoromo.reflectance.reflectance import Reflectance
@@ -31,7 +31,7 @@ from hagoromo.reflectance.sampling import (
 from hagoromo.reflectance.torrance_sparrow import Weights, torrance_sparrow
 from hagoromo.reflectance.transmission import AllWeights, along_fibre, longer_way, passed_at, turned_by
 from hagoromo.transport.gamma_rows import GammaRows
-from hagoromo.transport.materials import Materials
+from hagoromo.transport.materials import CLEAR_SHARE, CLEAR_WIDTHS, FAR_BODY, Materials
 
 STRAIGHT = 0.8  # share of the samples of clear light that go straight through
 
@@ -105,7 +105,7 @@ class Scattering:
         sine, cosine = dr.sincos(2.0 * math.pi * numbers[4])
         radius, height = dr.sqrt(numbers[3]), dr.sqrt(dr.fmax(1.0 - numbers[3], 0.0))
         way = dr.normalize(radius * cosine * x + radius * sine * y + height * z)
-        return way, math.pi * self.materials.passed(material, 0), seen
+        return way, math.pi * self.materials.read(material, FAR_BODY), seen
 
     def _clear(
         self, material: UInt, axis: Array3f, to_eye: Array3f, numbers: Sequence[Float]
@@ -115,9 +115,9 @@ class Scattering:
         The angle is drawn by a Gaussian about the middle of the lobe, the azimuth by one about that of the ray.
         """
         u, v, choice, offset, _ = numbers
-        n = self.materials.read(material, 3)
+        n = self.materials.read(material, "n")
         first = choice < STRAIGHT
-        width = dr.select(first, self.materials.passed(material, 2), self.materials.passed(material, 3))
+        width = dr.select(first, *(self.materials.read(material, width) for width in CLEAR_WIDTHS))
         radius, (sine, cosine) = dr.sqrt(-2.0 * dr.log(1.0 - u)), dr.sincos(2.0 * math.pi * v)
         cos_eye = clip(dr.dot(axis, to_eye), -1.0, 1.0)
         mirrored = dr.acos(-cos_eye)
@@ -130,7 +130,8 @@ class Scattering:
         passed = dr.select(first, *passed_at(dr.sqrt(dr.fmax(1.0 - across * across, 0.0)), cos_middle, n))
         density = dr.exp(-0.5 * dr.square(radius * cosine)) / (math.sqrt(2.0 * math.pi) * width)
         weight = along_fibre(alpha, mirrored, width) * dr.sin(alpha) / dr.fmax(density, 1e-30)
-        weight *= passed * self.materials.passed(material, 1) * dr.select(first, 1.0 / STRAIGHT, 1.0 / (1.0 - STRAIGHT))
+        weight *= passed * self.materials.read(material, CLEAR_SHARE)
+        weight *= dr.select(first, 1.0 / STRAIGHT, 1.0 / (1.0 - STRAIGHT))
         longer = longer_way(middle, n)
         once = dr.select(first, 1.0 - longer, 0.0)
         ahead = to_eye - axis * cos_eye
@@ -158,7 +159,7 @@ class Scattering:
         self, material: UInt, axis: Array3f, to_eye: Array3f, u: Float, v: Float
     ) -> tuple[Array3f, Bool]:
         """A normal of the element, drawn by the area that the eye sees of it; whether it sees any."""
-        jit, kind = arrays(), self.materials.read(material, 4)
+        jit, kind = arrays(), self.materials.read(material, "element")
         normal, seen = axis, jit.Bool(True)
         for name in self.materials.elements:
             if name == "plane":
@@ -178,15 +179,14 @@ class Scattering:
     def plane(self, material: UInt, to_lamp: Array3f, view: Array3f, gamma: Float | None = None) -> Weights:
         """f of the plane with normal +z: its body and its interface weight, of all lobes [1/sr]."""
         normal, read = type(view)(0, 0, 1), self.materials.read
-        alpha, n = read(material, 0), read(material, 3)
+        alpha, n = read(material, "alpha"), read(material, "n")
         body, interface = arrays().Float(0), arrays().Float(0)
         for k in range(self.lobes):
             _, beta, width = self._lobe(material, k, gamma)
             here = torrance_sparrow(normal, to_lamp, view, alpha, beta, width, n, self._nu(material, k))
             body, interface = here.body, interface + here.interface
-        if self.materials.have_body_laws:
-            body = body * body_factor(to_lamp.z, view.z, dr.dot(to_lamp, view), *self.materials.body_law(material))
-        return Weights(body, interface)
+        factor = self.materials.body_law(material).body_factor(to_lamp.z, view.z, dr.dot(to_lamp, view))
+        return Weights(body if is_number(factor, 1.0) else body * factor, interface)
 
     def _shares(self, material: UInt, gamma: Float | None) -> list[LobeShare]:
         """Share of the samples, γ and ν of each lobe."""
@@ -195,8 +195,7 @@ class Scattering:
 
     def _nu(self, material: UInt, lobe: int) -> Float:
         """Exponent of a lobe's tails; only the first has any."""
-        tails = self.materials.have_tails and lobe == 0
-        return self.materials.read(material, self.materials.width - 1) if tails else GAUSSIAN
+        return GAUSSIAN if lobe else self.materials.read(material, "nu")
 
 
 def _lobe_row(r: Reflectance, count: int) -> list[float]:
