@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from hagoromo.camera.pose import turned_about_axes
 from hagoromo.errors import described
 from hagoromo.files.checks import inside
 from hagoromo.files.record import Record, Vector, about, decode, with_optional
+from hagoromo.image.scene import Scene
 from hagoromo.light.area_lamp import AreaLamp
 from hagoromo.light.environment import Environment
 from hagoromo.light.shapes import KEYS
@@ -87,3 +93,21 @@ def environment_from(record: dict[str, Any] | None, folder: Path, where: str) ->
     with described(where):
         spectrum, turn = Spectrum.load(key.spectrum, folder), turned_about_axes(key.rotation_deg)
         return Environment.from_file(inside(folder, key.file), key.scale, spectrum, turn, key.visible, key.name)
+
+
+def turned_tables(
+    tables: Mapping[str, Any], scene: Scene, turn: NDArray[np.float64], middle: NDArray[np.float64]
+) -> dict[str, Any]:
+    """The tables of the lights of a scene, `tables`, turned by a rotation (3, 3) about the vertical axis through
+    `middle` (3,) [m]: those that change. A surface that gives off light is matter, and stays.
+    """
+    changed: dict[str, Any] = {}
+    for key, lamps in (("lamp", scene.lamps), ("area_lamp", scene.area_lamps)):
+        if lamps:
+            pairs = zip(tables[key], lamps, strict=True)
+            changed[key] = [table | lamp.turned_record(turn, middle) for table, lamp in pairs]
+    if scene.environment is not None:
+        x, y, z = tables["environment"].get("rotation_deg", AS_IT_IS)
+        angle = math.degrees(math.atan2(turn[1, 0], turn[0, 0]))  # z is the last axis that a map is turned about
+        changed["environment"] = tables["environment"] | {"rotation_deg": [x, y, z + angle]}
+    return changed

@@ -103,6 +103,10 @@ class AreaLamp:
         """Area that shines [m²]."""
         return self.shape.area
 
+    def turned_record(self, turn: NDArray[np.float64], middle: NDArray[np.float64]) -> dict[str, Any]:
+        """The keys that change when it is turned by a rotation (3, 3) about `middle` (3,) [m], as plain values."""
+        return {"position": (turn @ (self.position - middle) + middle).tolist(), **self.shape.turned_record(turn)}
+
     @property
     def parts(self) -> tuple[AreaLamp]:
         """See `WideLight`: itself."""

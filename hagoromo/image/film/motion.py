@@ -19,6 +19,7 @@ from hagoromo.files.record import decode, read_toml
 from hagoromo.image.film.motion_record import BoxKey, CameraKey, LampKey, MotionRecord
 from hagoromo.image.scene import Scene
 from hagoromo.image.scene_file import SceneRecord
+from hagoromo.image.scene_lights import turned_tables
 from hagoromo.light.spectrum import Spectrum
 
 Tables: TypeAlias = Mapping[str, Any]
@@ -126,7 +127,7 @@ def read_motion(path: str | Path) -> Motion:
 
 
 def turned(tables: Tables, scene: Scene, angle: float, camera: bool, lamps: bool) -> dict[str, Any]:
-    """The tables with the camera, the lamps, or both turned by `angle` [rad] about the vertical axis, counterclockwise
+    """The tables with the camera, the lights, or both turned by `angle` [rad] about the vertical axis, counterclockwise
     from above. The axis stands in the middle of the bounds of the boxes, or of the surfaces where there is no box.
     scene: that of the tables.
     """
@@ -140,8 +141,7 @@ def turned(tables: Tables, scene: Scene, angle: float, camera: bool, lamps: bool
         kept = {key: value for key, value in tables["camera"].items() if key not in ("eye", "target", "up")}
         changed["camera"] = kept | {"world_to_camera": pose.ravel().tolist()}
     if lamps:
-        pairs = zip(tables["lamp"], scene.lamps, strict=True)
-        changed["lamp"] = [table | lamp.turned_record(turn, middle) for table, lamp in pairs]
+        changed |= turned_tables(tables, scene, turn, middle)
     return changed
 
 

@@ -87,6 +87,10 @@ class LampShape(Record, frozen=True, kw_only=True):
         """(n, 3) places from its middle whose bounds hold it [m]."""
         raise NotImplementedError
 
+    def turned_record(self, turn: Array) -> dict[str, Any]:
+        """Those of its keys that a rotation (3, 3) of the world changes."""
+        return {}
+
     def points(self, count: int) -> PointsOfShape:
         """`count` places that stand for it."""
         raise NotImplementedError

@@ -62,6 +62,10 @@ class Rectangle(LampShape, frozen=True, kw_only=True):
         """Its four corners."""
         return 0.5 * np.array([(1, 1), (1, -1), (-1, 1), (-1, -1)]) @ self.sides
 
+    def turned_record(self, turn: Array) -> dict[str, Any]:
+        """Its sides."""
+        return {"edges": (self.sides @ turn.T).tolist()}
+
     def points(self, count: int) -> PointsOfShape:
         """The middles of equal parts, nearly square."""
         first, second = np.linalg.norm(self.sides, axis=1)

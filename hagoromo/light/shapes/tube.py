@@ -55,6 +55,10 @@ class Tube(LampShape, frozen=True, kw_only=True):
         square = np.array([(1, 1), (1, -1), (-1, 1), (-1, -1)]) @ (self.radius * self.axes[:, 1:].T)
         return (ends[:, None] + square).reshape(-1, 3)
 
+    def turned_record(self, turn: Array) -> dict[str, Any]:
+        """Its direction and length."""
+        return {"along": (turn @ np.array(self.along)).tolist()}
+
     def points(self, count: int) -> PointsOfShape:
         """Its middle, or places along it on its side, each turned by the golden angle from the last."""
         if count == 1:
