@@ -10,7 +10,6 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 import drjit as dr
-import numpy as np
 
 from hagoromo.backend import Array3f, Float, arrays
 from hagoromo.image.cut import CutRays
