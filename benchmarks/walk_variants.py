@@ -90,7 +90,7 @@ class Guided:
         weights = self.walks.lighting.materials.weights(event.material, event.axis, chosen, to_eye)
         f = self.walks.mixed(event.coefficients, weights)[0]
         albedo = self.walks.mixed(
-            event.coefficients, [math.pi * self.walks.lighting.materials.read(event.material, 0)] * 4
+            event.coefficients, [math.pi * self.walks.lighting.materials.read(event.material, "alpha")] * 4
         )
         of_element = f / dr.fmax(albedo[0], 1e-3)
         share = MIXED * of_field / dr.fmax(MIXED * of_field + (1.0 - MIXED) * of_element, 1e-30)

@@ -3,37 +3,30 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, fields
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Any
 
 import drjit as dr
 import numpy as np
-from msgspec import Meta, defstruct
 from numpy.typing import ArrayLike, NDArray
 
 from hagoromo.backend import Array3f, Float, arrays, lookup
 from hagoromo.directions import frame_about, local
-from hagoromo.errors import InputError, described
-from hagoromo.files.record import Record, decode, like
-from hagoromo.light.spectrum import CONSTANT_RANGE, SOURCE, VISIBLE, Spectrum, SpectrumRecord, checked_spectrum
+from hagoromo.errors import InputError
+from hagoromo.light.spectrum import CONSTANT_RANGE, VISIBLE, Spectrum, checked_spectrum
 from hagoromo.reflectance.body import body_albedo_ratio
 from hagoromo.reflectance.element import ELEMENTS, Element, element_weights
-from hagoromo.reflectance.facets import GAUSSIAN, TailExponent, is_gaussian
+from hagoromo.reflectance.facets import GAUSSIAN, is_gaussian
 from hagoromo.reflectance.interface_albedo import VIEWS, interface_albedo
 from hagoromo.reflectance.number_arrays import broadcast_directions, numbers_of, vectors_of
 from hagoromo.reflectance.parameters import (
     LARGEST_BETA,
     LARGEST_GAMMA,
     NUMBERS,
-    PLAIN_BODY,
     ROWS,
     SMALLEST_GAMMA,
     BodyLaw,
-    meaning,
 )
-from hagoromo.reflectance.pigment import PigmentRecord, pigment_from_record, skin_colour
 from hagoromo.reflectance.sampling import (
     LobeShare,
     density_of_lobes,
@@ -58,40 +51,6 @@ ALWAYS_RECORDED = ("element", "name", "interface_colour")
 MOST_LOBES = 4  # further lobes of one reflectance: each is a part of every kernel
 Lobe = tuple[float, float]  # β [1/sr] and γ [rad] of a Gaussian lobe
 FINEST_STEP = 5.0  # [nm] between values of a body colour that a law of the body changes
-if TYPE_CHECKING:
-    BodyLawRecord = Record
-else:
-    BodyLawRecord = defstruct(
-        "BodyLawRecord",
-        [(key, Annotated[float, meaning(key, "; of planes only")], plain) for key, plain in PLAIN_BODY.items()],
-        bases=(Record,),
-        frozen=True,
-        kw_only=True,
-    )
-
-
-class ReflectanceRecord(BodyLawRecord, frozen=True, kw_only=True):
-    """A reflectance by its parameters: dichromatic Torrance–Sparrow."""
-
-    alpha: Annotated[float, meaning("alpha", "; 1/π: body_colour is the albedo")]
-    beta: Annotated[float, meaning("beta")]
-    gamma: Annotated[float, meaning("gamma")]
-    n: Annotated[float, meaning("n")]
-    nu: Annotated[TailExponent | None, meaning("nu", "; absent: Gaussian facets")] = None
-    lobes: Annotated[tuple[Lobe, ...], Meta(max_length=MOST_LOBES), meaning("lobes", ", each [β, γ]")] = ()
-    body_colour: Annotated[
-        Any,
-        like(PigmentRecord, SpectrumRecord, number={"type": "number"}, name={"type": "string"}),
-        meaning("body_colour", ": a number, a CSV file, a spectrum, or the pigments of skin"),
-    ]
-    interface_colour: Annotated[
-        Any, SOURCE, meaning("interface_colour", ": a number, a CSV file or a spectrum; 1: as the lamp")
-    ] = 1.0
-    transmission: Annotated[float, meaning("transmission", " and leaves by its far side, 0…1")] = 0.0
-    transmitted_colour: Annotated[Any, SOURCE, meaning("transmitted_colour", "; absent: body_colour")] = None
-    clearness: Annotated[float, meaning("clearness", ", as through clear fibres, 0…1; of cylinders")] = 0.0
-    element: Annotated[Element, meaning("element")] = "plane"
-    name: Annotated[str, meaning("name")] = ""
 
 
 @dataclass(frozen=True)
@@ -379,8 +338,8 @@ class Reflectance(BodyLaw):
         return albedo
 
     def record(self) -> dict[str, Any]:
-        """Plain figures; `reflectance_from_record` reads them back. What is as it is by default has no key, but for
-        those of ALWAYS_RECORDED, nor has what says how light passes through where none does.
+        """Plain figures; `reflectance_from_record` reads them back. What is as it is by default has no key, but
+        for those of ALWAYS_RECORDED, nor has what says how light passes through where none does.
         """
         stated = self._stated() | {key: getattr(self, key) for key in ALWAYS_RECORDED}
         passes = self.transmits
@@ -393,41 +352,11 @@ class Reflectance(BodyLaw):
         return {key: value for key, (value, plain) in values.items() if plain is MISSING or value != plain}
 
 
-def reflectance_from_record(record: Any, where: str, folder: str | Path | None = None) -> Reflectance:
-    """A Reflectance from a table: alpha, beta, gamma [rad], n, nu, and colours as `Spectrum.load` takes them.
-
-    Gaussian facets: `nu` is absent, null or infinity.
-
-    The body colour may be that of skin, by its pigments: `{melanin = 0.03, blood = 0.01, oxygenation = 0.8}`.
-    """
-    colour = lambda source: Spectrum.load(source, folder)  # noqa: E731
-
-    def body(source: Any) -> Spectrum:
-        by_pigment = isinstance(source, Mapping) and not source.keys() & {"wavelengths", "values"}
-        return skin_colour(pigment_from_record(source, f"{where}: body_colour")) if by_pigment else colour(source)
-
-    given = decode(_without_gaussian_nu(record), ReflectanceRecord, where)
-    values = {each.name: getattr(given, each.name) for each in fields(Reflectance)}
-    with described(where):
-        values["nu"] = GAUSSIAN if given.nu is None else given.nu
-        values["body_colour"] = body(given.body_colour)
-        values["interface_colour"] = NEUTRAL if given.interface_colour == 1.0 else colour(given.interface_colour)
-        values["transmitted_colour"] = None if given.transmitted_colour is None else colour(given.transmitted_colour)
-        return Reflectance(**values)
-
-
 def _recorded(value: Any) -> Any:
     """A value as records hold it: spectra as tables, lobes as lists."""
     if isinstance(value, tuple):
         return [list(each) for each in value]
     return value.record() if isinstance(value, Spectrum) else value
-
-
-def _without_gaussian_nu(record: Any) -> Any:
-    """The table without a `nu` that says Gaussian facets: null or infinity."""
-    if isinstance(record, Mapping) and "nu" in record and record["nu"] in (None, GAUSSIAN):
-        return {key: value for key, value in record.items() if key != "nu"}
-    return record
 
 
 def _largest(colour: Spectrum) -> float:

@@ -17,7 +17,7 @@ from hagoromo.light.spectrum_file import read_spectrum_file
 from hagoromo.reflectance.facets import HALF_OF_GGX, TAILS_OF_GGX
 from hagoromo.reflectance.reflectance import LARGEST_BETA, Reflectance
 from hagoromo.reflectance.torrance_sparrow import fresnel
-from hagoromo_formats.mitsuba.bsdf import NAME, PLACED, TAKEN
+from hagoromo_formats.mitsuba.bsdf_numbers import NAME, PLACED, TAKEN
 from hagoromo_formats.mitsuba.textures import Values, linear_bitmap, written_bitmap
 
 Table = Mapping[str, Any]

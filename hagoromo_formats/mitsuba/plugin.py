@@ -26,7 +26,7 @@ from hagoromo.reflectance.parameters import BodyLaw
 from hagoromo.reflectance.reflectance import LARGEST_GAMMA, SMALLEST_GAMMA, Reflectance
 from hagoromo.reflectance.sampling import LobeShare, density_of_lobes, to_lamp_by_lobes
 from hagoromo.reflectance.torrance_sparrow import Weights, torrance_sparrow
-from hagoromo_formats.mitsuba.bsdf import NAME, NUMBERS, PLACED, TAKEN, numbers_of
+from hagoromo_formats.mitsuba.bsdf_numbers import NAME, NUMBERS, PLACED, TAKEN, numbers_of
 from hagoromo_formats.mitsuba.colours import colour_of, variant
 
 COLOURS = ("body_colour", "interface_colour")
@@ -39,6 +39,21 @@ def register() -> None:
     """
     mi, _ = variant()
     _registered(mi.variant())
+
+
+def bsdf(reflectance: Reflectance) -> dict[str, Any]:
+    """The reflectance for `mitsuba.load_dict`, in the variant that Mitsuba has, whose plugin is registered by this.
+
+    f cosθ_i = α cosθ_i c_b + β D F G / cosθ_r e, see `torrance_sparrow`. `InputError` for what is no surface: elements
+    other than planes, and light that passes.
+
+    >>> silk = hg.Reflectance(alpha=0.2, beta=0.5, gamma=0.2, n=1.5, body_colour=hg.Spectrum.constant(0.5))
+    >>> hg.mitsuba.bsdf(silk)["alpha"]
+    0.2
+    """
+    register()
+    colours = {key: colour_of(getattr(reflectance, key)) for key in ("body_colour", "interface_colour")}
+    return {"type": NAME, **numbers_of(reflectance), **colours}
 
 
 @cache

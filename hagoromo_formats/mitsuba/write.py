@@ -17,7 +17,7 @@ from hagoromo.image.nesting import Glass
 from hagoromo.image.scene import Scene
 from hagoromo.image.surface import Surface
 from hagoromo.light.other_programs import MitsubaPlugin
-from hagoromo_formats.mitsuba.bsdf import NAME, numbers_of
+from hagoromo_formats.mitsuba.bsdf_numbers import NAME, numbers_of
 from hagoromo_formats.mitsuba.medium import box_shape
 from hagoromo_formats.mitsuba.textures import is_coloured, ply_of, textures_of
 from hagoromo_formats.mitsuba.xml_text import VERSION, Element, plugin, text_of

@@ -12,7 +12,8 @@ from hagoromo.files.whole import scratch_folder, write_bytes
 from hagoromo.image.render import render
 from hagoromo.image.settings import Settings
 from hagoromo.progress import Progress, part_of, silent
-from hagoromo.reflectance.reflectance import Reflectance, reflectance_from_record
+from hagoromo.reflectance.reflectance import Reflectance
+from hagoromo.reflectance.reflectance_record import reflectance_from_record
 from hagoromo_matter.demo.figures import Cast
 from hagoromo_matter.demo.samples import FOCAL_MM, PRESET
 from hagoromo_matter.demo.size import Size

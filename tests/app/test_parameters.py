@@ -31,13 +31,14 @@ from hagoromo.reflectance.material.material_estimate import MaterialEstimate
 from hagoromo.reflectance.material.material_html import materials_html
 from hagoromo.reflectance.material.materials_file import read_materials, write_materials
 from hagoromo.reflectance.parameters import EVIDENCE, EXPORTS, FORMATS, NUMBERS, PARAMETERS, PLAIN_BODY, VOLUMES, lost
-from hagoromo.reflectance.reflectance import Reflectance, reflectance_from_record
+from hagoromo.reflectance.reflectance import Reflectance
+from hagoromo.reflectance.reflectance_record import reflectance_from_record
 from hagoromo.transport.field.scattering import _figures
 from hagoromo.transport.materials import Materials
 from hagoromo.transport.palette import palette_of
 from hagoromo_formats.convert import ConvertOptions, convert
 from hagoromo_formats.mitsuba import medium
-from hagoromo_formats.mitsuba.bsdf import PLACED, numbers_of
+from hagoromo_formats.mitsuba.bsdf_numbers import PLACED, numbers_of
 from hagoromo_formats.mitsuba.plugin import COLOURS
 from hagoromo_formats.mitsuba.read import scene_from_mitsuba
 from hagoromo_formats.mitsuba.write import write_mitsuba

@@ -10,7 +10,7 @@ import hagoromo as hg
 from hagoromo.backend import arrays
 from hagoromo.reflectance.body import RoughBody, body_albedo_ratio, body_factor, diffuse_albedo_ratio
 from hagoromo.reflectance.element import element_weights
-from hagoromo.reflectance.reflectance import reflectance_from_record
+from hagoromo.reflectance.reflectance_record import reflectance_from_record
 
 MATTE = hg.Reflectance(alpha=0.15, beta=0.0, gamma=0.2, n=1.5, body_colour=hg.Spectrum.constant(1.0))
 LAWS = [(0.3, 0.0), (-0.2, 0.0), (0.0, 0.4), (-0.15, 0.25), (0.0, -0.2)]

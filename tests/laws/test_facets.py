@@ -18,7 +18,8 @@ from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.element import cylinder_facets, graded_place, sphere_facets, sphere_table
 from hagoromo.reflectance.facets import expm1_quotient, facet_mass, log1p_quotient, squared_angle_of_mass
 from hagoromo.reflectance.interface_albedo import VIEWS, interface_albedo
-from hagoromo.reflectance.reflectance import Reflectance, reflectance_from_record
+from hagoromo.reflectance.reflectance import Reflectance
+from hagoromo.reflectance.reflectance_record import reflectance_from_record
 from hagoromo.reflectance.sampling import density_to_lamp
 from hagoromo.reflectance.torrance_sparrow import cos_deviation, facet_density, fresnel, squared_angle, torrance_sparrow
 from hagoromo.transport.materials import Materials

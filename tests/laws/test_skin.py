@@ -18,7 +18,8 @@ from hagoromo.matter.build import build
 from hagoromo.matter.fill import Fineness
 from hagoromo.matter.shape import plane, sphere
 from hagoromo.reflectance.pigment import Pigment, skin_colour
-from hagoromo.reflectance.reflectance import Reflectance, reflectance_from_record
+from hagoromo.reflectance.reflectance import Reflectance
+from hagoromo.reflectance.reflectance_record import reflectance_from_record
 from hagoromo.volume.box import VolumeBox
 from hagoromo_matter.skin.skin import Flush, Granules, check_granules, skin, skin_on, skin_patch
 from hagoromo_matter.skin.skin_lines import FurrowLattice, furrows, pores, primary, secondary

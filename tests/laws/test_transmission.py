@@ -15,7 +15,8 @@ from hagoromo.backend import arrays
 from hagoromo.errors import InputError
 from hagoromo.reflectance.element import ELEMENTS, projected_area
 from hagoromo.reflectance.material.material_table import reflectance_from_table
-from hagoromo.reflectance.reflectance import VIEWS, reflectance_from_record
+from hagoromo.reflectance.reflectance import VIEWS
+from hagoromo.reflectance.reflectance_record import reflectance_from_record
 from hagoromo.reflectance.torrance_sparrow import Weights
 from hagoromo.transport.materials import Materials
 from hagoromo.transport.palette import palette_of

@@ -14,7 +14,8 @@ from hagoromo.light.spectrum import SOURCE, Spectrum
 from hagoromo.reflectance.element import Element
 from hagoromo.reflectance.material.materials_file import read_materials
 from hagoromo.reflectance.parameters import meaning
-from hagoromo.reflectance.reflectance import Reflectance, ReflectanceRecord, reflectance_from_record
+from hagoromo.reflectance.reflectance import Reflectance
+from hagoromo.reflectance.reflectance_record import ReflectanceRecord, reflectance_from_record
 
 
 class MeasuredMaterial(Record, frozen=True, kw_only=True):

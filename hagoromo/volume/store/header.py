@@ -11,7 +11,7 @@ from hagoromo.camera.camera import rigid_pose
 from hagoromo.errors import InputError
 from hagoromo.files.record import Count, Matrix, Pair, Positive, Record, about, decode, like
 from hagoromo.light.spectrum import SOURCE, Spectrum
-from hagoromo.reflectance.reflectance import ReflectanceRecord, reflectance_from_record
+from hagoromo.reflectance.reflectance_record import ReflectanceRecord, reflectance_from_record
 from hagoromo.volume.box_header import BoxHeader, Extinction
 
 FORMAT = 1
