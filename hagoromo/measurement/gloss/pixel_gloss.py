@@ -18,6 +18,7 @@ from hagoromo.least_squares.levenberg_marquardt import Damping, Tolerance, leven
 from hagoromo.least_squares.loss import HUBER
 from hagoromo.measurement.gloss.lobes import LobeShape, SampleLobes
 from hagoromo.measurement.observations import Observations
+from hagoromo.measurement.photometric.pixel_bodies import PixelBodies
 from hagoromo.measurement.robust_fit import GAMMA_RANGE
 from hagoromo.measurement.sight import Array
 
@@ -73,7 +74,6 @@ class PixelGlossFit:
         self.observations, self.n, self.noise, self.shape = observations, n, noise, shape
         self.pixels, self.pixel = np.unique(observations.pixel, return_inverse=True)
         self._lobes = SampleLobes(observations.sight, n, shape)
-        self._lit = observations.sight.body
         self.weigh(np.where(observations.used, 1.0 / (noise**2 * observations.noise), 0.0))
 
     def __len__(self) -> int:
@@ -127,31 +127,31 @@ class PixelGlossFit:
         self.weigh(np.where(self.observations.used, loss, 0.0) / variance)
 
     def weigh(self, weight: Array) -> None:
-        """Set `weight` (N, C), and with it the variance (P, C) of a body at a given gloss."""
+        """Set `weight` (N, C), and with it the bodies that follow at a given gloss."""
         self.weight = weight
-        power = self._sum(weight * self._lit**2)
-        self._inverse = np.divide(1.0, power, out=np.zeros_like(power), where=power > 0.0)
+        self.bodies = PixelBodies(self.pixel, self.observations.sight.body, weight)
 
     def model(self, gloss: Array) -> Array:
         """Expected values (N, C)."""
         interface = self._columns(gloss)[0]
-        return self._lit * self._body_of(self.observations.values - interface)[self.pixel] + interface
+        return self.bodies.light(self.observations.values - interface) + interface
 
     def leverage(self) -> Array:
         """(N, C) leverage of a value in the body of its pixel."""
-        return self.weight * self._lit**2 * self._inverse[self.pixel]
+        return self.bodies.leverage()
 
     def evaluate(self, gloss: Array) -> PixelGloss:
         """χ², its derivatives and the body at `gloss` (P, 2); body errors and covariance are those at fixed gloss."""
         columns = self._columns(gloss)
         rest = self.observations.values - columns[0]
-        body = self._body_of(rest)
-        deviation = rest - self._lit * body[self.pixel]
-        within = [column - self._lit * self._body_of(column)[self.pixel] for column in columns]
+        bodies, sums = self.bodies, self.bodies.sums
+        body = bodies.of(rest)
+        deviation = rest - bodies.lit * body[self.pixel]
+        within = [column - bodies.light(column) for column in columns]
         weighted = [self.weight * column for column in within]
-        chi_square = self._sum((self.weight * deviation**2).sum(axis=1))
-        score = np.stack([self._sum((column * deviation).sum(axis=1)) for column in weighted], axis=1)
-        ss, sg, gg = (self._sum((weighted[i] * within[j]).sum(axis=1)) for i, j in ((0, 0), (0, 1), (1, 1)))
+        chi_square = sums((self.weight * deviation**2).sum(axis=1))
+        score = np.stack([sums((column * deviation).sum(axis=1)) for column in weighted], axis=1)
+        ss, sg, gg = (sums((weighted[i] * within[j]).sum(axis=1)) for i, j in ((0, 0), (0, 1), (1, 1)))
         information = np.stack([ss, sg, sg, gg], axis=1).reshape(-1, 2, 2)
         return PixelGloss(
             gloss,
@@ -159,7 +159,7 @@ class PixelGlossFit:
             information,
             score,
             body,
-            np.sqrt(self._inverse),
+            np.sqrt(bodies.variance),
             chi_square,
             np.zeros(len(self), bool),
         )
@@ -189,18 +189,8 @@ class PixelGlossFit:
 
     def _body_variance(self, gloss: Array, covariance: Array) -> Array:
         """(P, C) contribution of the covariance of the gloss to the variance of the body."""
-        slopes = np.stack([self._body_of(column) for column in self._columns(gloss)], axis=-1)
+        slopes = np.stack([self.bodies.of(column) for column in self._columns(gloss)], axis=-1)
         return np.einsum("pci,pij,pcj->pc", slopes, covariance, slopes)
-
-    def _body_of(self, values: Array) -> Array:
-        """(P, C) least squares of values (N, C) by the light on each pixel, 0 where a channel was not measured."""
-        return self._sum(self.weight * self._lit * values) * self._inverse
-
-    def _sum(self, values: Array) -> Array:
-        """Values (N,) or (N, C) summed over the samples of each pixel."""
-        if values.ndim == 1:
-            return np.bincount(self.pixel, values, len(self)).astype(np.float64)
-        return np.stack([self._sum(column) for column in values.T], axis=1)
 
 
 class _Posterior:

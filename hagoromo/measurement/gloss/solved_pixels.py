@@ -18,6 +18,7 @@ from hagoromo.least_squares.loss import CAUCHY_SCALE
 from hagoromo.measurement.gloss.pixel_gloss import GlossLaw, PixelGloss
 from hagoromo.measurement.normals.shading import TAIL, shading, turned
 from hagoromo.measurement.normals.views import Array, Views
+from hagoromo.measurement.photometric.reading import reading
 from hagoromo.measurement.robust_fit import GAMMA_RANGE
 
 COARSE = 10.0  # standard deviations of the first steps
@@ -79,11 +80,11 @@ class SolvedPixels:
         """Loss and normal equations at gloss (P, 2), normals (P, 3) and body (P, C)."""
         shade, even, colour = self._shade(gloss, normals), self.evenness[:, None], self.colour[:, None]
         lit, of_body = self.evenness * shade.body, body.T
-        deviation = self.views.values - even * (of_body * shade.body[:, None] + colour * shade.interface[:, None])
+        deviation = self.views.values - even * reading(of_body, shade.body[:, None], colour, shade.interface[:, None])
         squared = deviation**2 / self.variance / CAUCHY_SCALE**2
         weight = 1.0 / (self.variance * (1.0 + squared))
         columns = [
-            even * (of_body * by_body[:, None] + colour * by_lobe[:, None])
+            even * reading(of_body, by_body[:, None], colour, by_lobe[:, None])
             for by_body, by_lobe in zip(shade.body_turned, shade.interface_turned, strict=True)
         ]
         columns += [even * colour * of[:, None] for of in (shade.interface, shade.by_width)]

@@ -19,6 +19,7 @@ from hagoromo.least_squares.loss import CAUCHY_SCALE
 from hagoromo.measurement.normals.own_gloss import OWN, OwnGloss, OwnGlossTest
 from hagoromo.measurement.normals.shading import TAIL, Gloss, shading
 from hagoromo.measurement.normals.views import Array, Views
+from hagoromo.measurement.photometric.reading import reading
 
 STATED_WEIGHT = 6.0  # a stated scale counts as much as this many numbers of the lamps
 
@@ -123,7 +124,7 @@ def predicted(fit: Fit, to_lamp: Array, to_eye: Array) -> Array:
     shade = shading(fit.normals, to_lamp, to_eye, fit.rows)
     further = further_lobes(fit, to_lamp, to_eye)
     interface = shade.interface if further is None else shade.interface + further
-    return fit.body[None] * shade.body[:, None] + fit.interface_colour * interface[:, None]
+    return reading(fit.body, shade.body[:, None], fit.interface_colour, interface[:, None])
 
 
 def further_lobes(fit: Fit, to_lamp: Array, to_eye: Array) -> Array | None:

@@ -21,6 +21,7 @@ from hagoromo.measurement.normals.photometric_model import Fit, Prior, precision
 from hagoromo.measurement.normals.shading import TAIL, Gloss, Shading, interface_by_tail, shading, turned
 from hagoromo.measurement.normals.views import Array, Views
 from hagoromo.measurement.parameters import contrasts
+from hagoromo.measurement.photometric.reading import reading
 from hagoromo.reflectance.parameters import ROWS
 
 LOG_GAMMA_RANGE = (np.log(0.02), ROWS["gamma"].fit.bounds[1])  # of ln γ, γ [rad]
@@ -55,12 +56,16 @@ class PixelStep:
         self.shade: Shading = shading(fit.normals, self.lamps.to_lamp, views.to_eye, gloss)
         self.even = (fit.evenness(problem.place) * np.exp(self.lamps.light))[:, None]  # (K, 1, P)
         self.colour = fit.interface_colour  # (C, P)
-        self.model = self.even * (fit.body * self.shade.body[:, None] + self.colour * self.shade.interface[:, None])
+        self.model = self.even * self._reading(self.shade.body, self.shade.interface)
         self.deviation = views.values - self.model
         inverse = precision(views, fit.model_error)
         squared = self.deviation**2 * inverse / CAUCHY_SCALE**2
         self.weight_of_rows = _rows(problem.share * inverse / (1.0 + squared))  # (P, K·C)
         self.cost = 0.5 * (problem.share * CAUCHY_SCALE**2 * float(np.log1p(squared).sum()) + self._prior_loss())
+
+    def _reading(self, lit: Array, interface: Array) -> Array:
+        """(K, C, P) the reading of parts (K, P), or of their slopes."""
+        return reading(self.fit.body, lit[:, None], self.colour, interface[:, None])
 
     @property
     def of_lamps(self) -> Array:
@@ -161,10 +166,10 @@ class PixelStep:
 
     def _slopes(self) -> tuple[Array, Array, Array, Array]:
         """Slopes of the values (P, K·C, ·) by own turns and body colours, own material's gloss, own lamp, and depth."""
-        fit, shade, (lamps, channels, pixels) = self.fit, self.shade, self.model.shape
+        shade, (lamps, channels, pixels) = self.shade, self.model.shape
         local = np.zeros((pixels, lamps, channels, 2 + channels))
         for i, (body, interface) in enumerate(zip(shade.body_turned, shade.interface_turned, strict=True)):
-            slope = self.even * (fit.body * body[:, None] + self.colour * interface[:, None])
+            slope = self.even * self._reading(body, interface)
             local[..., i] = np.moveaxis(slope, 2, 0)
         for c in range(channels):
             local[:, :, c, 2 + c] = (self.even[:, 0] * shade.body).T
@@ -194,7 +199,7 @@ class PixelStep:
         level = (1.0 + fit.slope @ place.T)[:, None]
         parts = [self.model, self.model * place[:, 0] / level, self.model * place[:, 1] / level]
         led = [
-            self.even * (fit.body * body[:, None] + self.colour * interface[:, None])
+            self.even * self._reading(body, interface)
             for body, interface in zip(self.shade.body_led, self.shade.interface_led, strict=True)
         ]
         for j in range(4):

@@ -17,6 +17,7 @@ from hagoromo.least_squares.fit_status import Status
 from hagoromo.least_squares.loss import CAUCHY_SCALE
 from hagoromo.measurement.normals.shading import LEAST_COSINE, TAIL, N, body_of, colour_of, exponent_of
 from hagoromo.measurement.normals.views import Array, Views
+from hagoromo.measurement.photometric.reading import reading
 from hagoromo.reflectance.torrance_sparrow import torrance_sparrow
 
 PIXEL_FIT_STEPS = 15
@@ -193,8 +194,7 @@ class PixelData:
 
     def value(self, body: list[Any], channel: int, weights: Sequence[Any]) -> Any:
         """The value of a channel for `weights` of body and interface; for their slopes, its slope."""
-        interface = weights[1] if self.colours is None else self.colours[channel] * weights[1]
-        return body[channel] * weights[0] + interface
+        return reading(body[channel], weights[0], self.colours and self.colours[channel], weights[1])
 
     def shade(self, normal: Any, to_lamp: Any, turns: tuple[Any, Any]) -> tuple[Any, list[Any]]:
         """(body, interface) weights, and their slopes by the two turns of the normal."""
