@@ -66,7 +66,7 @@ class Fit:
     the interface (`lobe_fit`); None: every material has one. own: gloss of each pixel (`solved_gloss`), of which that
     of the material is the mean; None: one gloss for all pixels of a material. own_tests: of each material, why; None
     where it was not tested. lamp_variance: (K, 6) of strength and slope less their means over the lamps, and of
-    shift; None where they were not fitted.
+    shift; None where they were not fitted. prior: of lamps and bodies, with the scales that were learnt.
     """
 
     normals: Array
@@ -88,6 +88,7 @@ class Fit:
     own: OwnGloss | None = None
     own_tests: tuple[OwnGlossTest | None, ...] = ()
     lamp_variance: Array | None = None
+    prior: Prior | None = None
 
     @property
     def rows(self) -> Array:

@@ -22,6 +22,7 @@ from hagoromo.measurement.normals.shading import TAIL, Gloss, Shading, interface
 from hagoromo.measurement.normals.views import Array, Views
 from hagoromo.measurement.parameters import contrasts
 from hagoromo.measurement.photometric.reading import reading
+from hagoromo.measurement.photometric.term_fit import Profile, dispersion
 from hagoromo.reflectance.parameters import ROWS
 
 LOG_GAMMA_RANGE = (np.log(0.02), ROWS["gamma"].fit.bounds[1])  # of ln γ, γ [rad]
@@ -143,6 +144,38 @@ class PixelStep:
             own = parts[:, i, :, i]
             variance[:, i] = np.diag(own) - 2.0 * own.mean(axis=1) + own.mean()
         return variance
+
+    def profile(self, changes: Array) -> tuple[Profile, Array]:
+        """The profile of terms that change the values by `changes` (T, K, C, P), with all that is fitted eliminated;
+        and the change (M, G, T) of the gloss by each.
+        """
+        local, gloss, lamps, depth = self._slopes()
+        weight = self.weight_of_rows[..., None]
+        terms = np.stack([_rows(change) for change in changes], axis=-1)  # (P, K·C, T)
+        weighed = np.swapaxes(local * weight, 1, 2)
+        inner = weighed @ local + 1e-9 * np.eye(local.shape[2])
+        left = terms - local @ np.linalg.solve(inner, weighed @ terms)
+        led, (outer, rhs) = left * weight, self._undamped
+        cross = self._products(led, gloss, lamps, depth)
+        by_shared = np.linalg.solve(outer, cross)
+        pull = _rows(self.deviation)[..., None] * led
+        bare, scatter = (np.einsum("prt,pru->tu", *pair) for pair in ((led, left), (pull, pull)))
+        information = np.einsum("prt,pru->tu", led, terms) - cross.T @ by_shared
+        of_gloss = np.asarray(-by_shared[: self.fit.gloss.rows.size], np.float64)
+        of_gloss = of_gloss.reshape(*self.fit.gloss.rows.shape, len(changes))
+        wider = dispersion(bare, scatter / self.problem.share)
+        step = np.linalg.pinv(information, hermitian=True) @ (pull.sum(axis=(0, 1)) - by_shared.T @ rhs)
+        return Profile(step, information / wider), of_gloss
+
+    def _products(self, led: Array, gloss: Array, lamps: Array, depth: Array) -> Array:
+        """(G M + OF_LAMP K + 1, T) products of the slopes by gloss, lamps and depth with columns `led` (P, K·C, T)."""
+        count, channels, pixels = self.model.shape
+        of_gloss = np.swapaxes(gloss, 1, 2) @ led  # (P, G, T)
+        materials = [of_gloss[self.fit.labels == m].sum(axis=0) for m in range(len(self.fit.gloss.rows))]
+        each = (pixels, count, channels, -1)
+        of_lamps = np.einsum("pkcl,pkct->klt", lamps.reshape(each), led.reshape(each))
+        of_depth = np.einsum("prd,prt->dt", depth, led)
+        return np.concatenate([*materials, of_lamps.reshape(-1, led.shape[2]), of_depth])
 
     @cached_property
     def _undamped(self) -> tuple[Array, Array]:
