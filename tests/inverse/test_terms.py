@@ -21,7 +21,7 @@ from hagoromo.measurement.photometric.term_fit import Profile, fit_terms
 from hagoromo.measurement.robust_fit import minimise
 from tests.inverse.simulated_ball import Truth, simulate
 
-SIZE, PEDESTAL, FALL = 41, 0.004, -0.08
+SIZE, PEDESTAL, FALL = 31, 0.004, -0.08
 ACROSS = np.linspace(-1.0, 1.0, SIZE)[:, None]
 BODY = Truth((0.2, 0.15, 0.1), 0.4, 0.2, 1.5)
 OFFSET = Term("pedestal", "a pedestal", "[1/sr]", 0.0, 0.02, (-1.0, 1.0), "this test", lambda _: Change(added=1.0))
@@ -39,6 +39,10 @@ def with_both(capture):
     return replace(capture, photographs=tuple(changed))
 
 
+def measured(capture, terms=None):
+    return measure_known_shape(capture, facets="gaussian", interface="neutral", terms=terms)
+
+
 @pytest.fixture(scope="module")
 def ball():
     return simulate([BODY], 7, SIZE)
@@ -54,10 +58,10 @@ def test_what_is_taken_out_is_what_was_put_in(ball):
 def test_a_term_that_adds_and_one_that_multiplies_are_found_with_their_errors(ball):
     """Within 4 standard errors, a tenth of what is known before at most; then the material is the true one."""
     capture = with_both(ball)
-    found = terms_of_known_shape(capture, [OFFSET, TILT])
+    found = terms_of_known_shape(capture, [OFFSET, TILT], facets="gaussian", interface="neutral")
     assert (np.abs(found.values - [PEDESTAL, FALL]) < 4.0 * found.errors).all()
     assert (found.errors < [0.002, 0.02]).all()
-    wrong, right = measure_known_shape(capture), measure_known_shape(found.without(capture), terms=found)
+    wrong, right = measured(capture), measured(found.without(capture), terms=found)
     for key, truth in (("alpha", BODY.alpha), ("gamma", BODY.gamma), ("beta", BODY.beta)):
         value, error = getattr(right.materials[0], key), right.materials[0].standard_error[key]
         assert abs(value - truth) < 4.0 * error
@@ -103,6 +107,14 @@ def test_fits_count_as_much_as_they_know_and_bounds_hold(ball):
     assert fit_terms(ball, [replace(one, range=(-1.0, 0.2))], profiles_of).values[0] == 0.2
 
 
+def test_an_unknown_that_nobody_expects_is_doubted():
+    found = CaptureTerms((OFFSET,), np.array([PEDESTAL]), np.eye(1) * 1e-6)
+    doubt = "something else in them looks like it"
+    assert doubt not in found.estimates()["pedestal"].sentence
+    assert doubt in replace(found, values=np.array([0.06])).estimates()["pedestal"].sentence
+    assert "these photographs do not show it" in CaptureTerms.before([OFFSET]).estimates()["pedestal"].sentence
+
+
 def test_rounds_that_do_not_converge_are_said(ball):
     def wrong(capture):
         return [Profile(np.array([1e3]), np.array([[1.0]]))]
@@ -115,7 +127,8 @@ def test_a_measurement_says_what_it_estimated(ball, monkeypatch, tmp_path, capsy
     """In the record, in what it assumes, and again when it is read; a wrong name is answered with the right ones."""
     monkeypatch.setattr(registry, "TERMS", (OFFSET, TILT))
     with_both(ball).save(tmp_path / "capture")
-    main(["measure", str(tmp_path / "capture"), "--estimate", "pedestal", "fall", "--out", str(tmp_path / "measured")])
+    asked = "--estimate", "pedestal", "fall", "--facets", "gaussian", "--interface", "neutral"
+    assert main(["measure", str(tmp_path / "capture"), *asked, "--out", str(tmp_path / "measured")]) == 0
     record = read_json(tmp_path / "measured" / "terms.json")["terms"]
     assert list(record) == ["pedestal", "fall"] and record["pedestal"]["determined"]
     assert abs(record["fall"]["value"] - FALL) < 4.0 * record["fall"]["standard_error"]

@@ -22,6 +22,7 @@ from hagoromo.photograph.photograph import Photograph
 Array = NDArray[np.float64]
 
 UNDETERMINED = 0.9  # share of the standard error before the photographs that is left, from which they tell nothing
+SURPRISING = 2.5  # of its spreads from what was expected, beyond which an unknown is doubted (p = 0.01)
 MOST_DARKENED = 0.1  # smallest factor of readings, whatever the unknowns are
 
 
@@ -109,6 +110,8 @@ def _estimate(term: Term, value: float, error: float) -> TermEstimate:
     before = f"{term.mean:g} ± {term.spread:g} before the photographs ({term.source})"
     found = f"{term.words}: {value:.2g} ± {error:.1g} {term.unit}"
     said = "estimated from the photographs and taken out of them" if determined else "these photographs do not show it"
+    if abs(value - term.mean) > SURPRISING * term.spread:
+        said += ", which is far more than expected: something else in them looks like it"
     return TermEstimate(
         value=value,
         standard_error=error,
