@@ -4,8 +4,9 @@ from collections.abc import Sequence
 
 from hagoromo.errors import InputError
 from hagoromo.measurement.photometric.term import Term
+from hagoromo.measurement.photometric.terms.glare import GLARE
 
-TERMS: tuple[Term, ...] = ()
+TERMS: tuple[Term, ...] = (GLARE,)
 
 
 def terms_named(names: Sequence[str]) -> tuple[Term, ...]:
