@@ -135,8 +135,12 @@ def test_a_measurement_says_what_it_estimated(ball, monkeypatch, tmp_path, capsy
     measured = hg.Measurement.load(tmp_path / "measured")
     assert measured.terms["fall"].value == record["fall"]["value"]
     assert measured.settings["estimate"] == ["pedestal", "fall"]
-    assert measured.assumptions["fall"].startswith("light that falls off to the right: -0.08")
-    assert "light that falls off to the right" in (tmp_path / "measured" / "report.html").read_text()
+    said = (
+        f"ight that falls off to the right: {record['fall']['value']:.4f} ± {record['fall']['standard_error']:.4f} per"
+    )
+    assert measured.assumptions["fall"].startswith(f"l{said}")
+    page = (tmp_path / "measured" / "report.html").read_text()
+    assert "<h3>all photographs together</h3>" in page and f"L{said}" in page
     assert main(["measure", str(tmp_path / "capture"), "--estimate", "dust", "--out", str(tmp_path / "other")]) == 2
     assert not (tmp_path / "other").exists()
     assert "'dust' cannot be estimated: give one of pedestal, fall" in capsys.readouterr().err

@@ -8,6 +8,7 @@ what is known of u before the photographs, and its words. The registry is `terms
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, NamedTuple
@@ -108,7 +109,8 @@ class CaptureTerms:
 def _estimate(term: Term, value: float, error: float) -> TermEstimate:
     determined = error < UNDETERMINED * term.spread
     before = f"{term.mean:g} ± {term.spread:g} before the photographs ({term.source})"
-    found = f"{term.words}: {value:.2g} ± {error:.1g} {term.unit}"
+    decimals = max(-math.floor(math.log10(error)), 0)
+    found = f"{term.words}: {value:.{decimals}f} ± {error:.{decimals}f} {term.unit}"
     said = "estimated from the photographs and taken out of them" if determined else "these photographs do not show it"
     if abs(value - term.mean) > SURPRISING * term.spread:
         said += ", which is far more than expected: something else in them looks like it"
