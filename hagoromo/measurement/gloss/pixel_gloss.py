@@ -8,8 +8,6 @@ highlight has no information: its estimate is the mean of the law, with the spre
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,6 +16,7 @@ from hagoromo.least_squares.levenberg_marquardt import Damping, Tolerance, leven
 from hagoromo.least_squares.loss import HUBER
 from hagoromo.measurement.gloss.lobes import LobeShape, SampleLobes
 from hagoromo.measurement.observations import Observations
+from hagoromo.measurement.photometric.gloss_posterior import SMALLEST_SPREAD, GlossLaw, GlossPosterior, PixelGloss
 from hagoromo.measurement.photometric.pixel_bodies import PixelBodies
 from hagoromo.measurement.robust_fit import GAMMA_RANGE
 from hagoromo.measurement.sight import Array
@@ -27,39 +26,7 @@ STARTS_WITHIN = 2.5  # standard deviations of the law around its mean in which s
 PIXEL_GLOSS_ROUNDS = 3  # of weights and variances, which depend on the model
 PIXEL_GLOSS_STEPS = 25  # of a pixel, in each round
 SMALLEST_DECREMENT = 1e-4  # of χ²/2: a pixel whose next step would lower it by less has converged (1 % of an error)
-SMALLEST_SPREAD = 1e-4  # standard deviation added to a law, so that its covariance can be inverted
-
-
-@dataclass(frozen=True, eq=False)
-class GlossLaw:
-    """Normal law of (ln β F₀, ln γ) over the pixels of a material: mean (2,), covariance (2, 2)."""
-
-    mean: Array
-    covariance: Array
-
-    @property
-    def information(self) -> Array:
-        """(2, 2) inverse of the covariance."""
-        return np.asarray(np.linalg.inv(self.covariance + SMALLEST_SPREAD**2 * np.eye(2)), np.float64)
-
-
-@dataclass(frozen=True, eq=False)
-class PixelGloss:
-    """Estimates of P pixels.
-
-    gloss: (P, 2) ln β F₀ and ln γ. covariance: (P, 2, 2) of the posterior. information: (P, 2, 2) of the photographs
-    alone; pull: (P, 2) −½ dχ²/d(gloss). body: (P, C) α c_b and its standard error. chi_square: (P,) with the weights
-    of `PixelFit.weight`. converged: (P,) whether the estimate is at a maximum of the posterior.
-    """
-
-    gloss: Array
-    covariance: Array
-    information: Array
-    score: Array
-    body: Array
-    body_error: Array
-    chi_square: Array
-    converged: NDArray[np.bool_]
+LONGEST_GLOSS_STEP = 1.0  # of ln β and ln γ each
 
 
 class PixelGlossFit:
@@ -115,7 +82,7 @@ class PixelGlossFit:
 
     def settled(self, gloss: Array, law: GlossLaw) -> tuple[Array, FitStatuses]:
         """`gloss` (P, 2) moved to the nearest maximum of the posterior at fixed weights, and how that ended."""
-        problem, tolerance = _Posterior(self, law), Tolerance(decrement=SMALLEST_DECREMENT)
+        problem, tolerance = GlossPosterior(self, law), Tolerance(decrement=SMALLEST_DECREMENT)
         solution = levenberg_marquardt(problem, self.evaluate(gloss), Damping(), tolerance, PIXEL_GLOSS_STEPS)
         return solution.state.gloss, solution.statuses
 
@@ -164,6 +131,33 @@ class PixelGlossFit:
             np.zeros(len(self), bool),
         )
 
+    def loss(self, state: PixelGloss) -> Array:
+        """(P,) χ² at fixed weights."""
+        return state.chi_square
+
+    def equations(self, state: PixelGloss, prior: Array, damping: Array) -> tuple[Array, Array]:
+        """See `GlossPixels`; the prior is damped, too."""
+        curvature = state.information + prior
+        return curvature + damping[:, None, None] * curvature * np.eye(2), state.score
+
+    def further_decrement(self, state: PixelGloss) -> Array:
+        """None: the body colours are at their best."""
+        return np.zeros(len(self))
+
+    def moved(
+        self, state: PixelGloss, step: Array, damping: Array, moving: NDArray[np.bool_]
+    ) -> tuple[PixelGloss, Array]:
+        """The state after a step of the pixels that are moving, and its length (P,)."""
+        limit = LONGEST_GLOSS_STEP
+        gloss = state.gloss + np.where(moving[:, None], np.clip(step, -limit, limit), 0.0)
+        gloss[:, 1] = np.clip(gloss[:, 1], *np.log(GAMMA_RANGE))
+        return self.evaluate(gloss), np.linalg.norm(gloss - state.gloss, axis=1)
+
+    def chosen(self, better: NDArray[np.bool_], trial: PixelGloss, state: PixelGloss) -> PixelGloss:
+        """Of each pixel the better one."""
+        pairs = ((getattr(trial, key), getattr(state, key)) for key in PixelGloss.__dataclass_fields__)
+        return PixelGloss(*(np.where(better.reshape(-1, *[1] * (a.ndim - 1)), a, b) for a, b in pairs))
+
     def _start(self, law: GlossLaw) -> Array:
         """(P, 2): the best of several widths, each with its best strength."""
         spread = np.sqrt(np.diag(law.covariance)) + SMALLEST_SPREAD
@@ -177,7 +171,7 @@ class PixelGlossFit:
             ratio = 1.0 + estimates.score[:, 0] / np.maximum(estimates.information[:, 0, 0], 1e-300)
             reach = STARTS_WITHIN * spread[0]
             gloss[:, 0] += np.clip(np.log(np.maximum(ratio, 1e-6)), -reach, reach)
-            cost = self.evaluate(gloss).chi_square + _law_cost(gloss, law)
+            cost = self.evaluate(gloss).chi_square + law.loss(gloss)
             best, lowest = np.where((cost < lowest)[:, None], gloss, best), np.minimum(cost, lowest)
         return best
 
@@ -191,57 +185,3 @@ class PixelGlossFit:
         """(P, C) contribution of the covariance of the gloss to the variance of the body."""
         slopes = np.stack([self.bodies.of(column) for column in self._columns(gloss)], axis=-1)
         return np.einsum("pci,pij,pcj->pc", slopes, covariance, slopes)
-
-
-class _Posterior:
-    """The posterior of P pixels under a law, as a problem of `least_squares`; the cost is χ² plus that of the law."""
-
-    def __init__(self, fit: PixelGlossFit, law: GlossLaw) -> None:
-        self.fit, self.law, self.prior = fit, law, law.information
-
-    def cost(self, state: PixelGloss) -> Array:
-        """(P,)"""
-        return state.chi_square + _law_cost(state.gloss, self.law)
-
-    def decrement(self, state: PixelGloss, moving: NDArray[np.bool_]) -> Array:
-        """(P,) of χ²/2, without ln γ where it is held at a limit of its range."""
-        score, curvature = self._equations(state)
-        low, high = np.log(GAMMA_RANGE)
-        log_gamma = state.gloss[:, 1]
-        held = ((log_gamma <= low) & (score[:, 1] < 0.0)) | ((log_gamma >= high) & (score[:, 1] > 0.0))
-        newton = np.linalg.solve(curvature, score[..., None])[..., 0]
-        whole = 0.5 * np.einsum("pi,pi->p", score, newton)
-        return np.where(held, 0.5 * score[:, 0] ** 2 / curvature[:, 0, 0], whole)
-
-    def trial(self, state: PixelGloss, damping: Array, moving: NDArray[np.bool_]) -> tuple[PixelGloss, Array]:
-        """The state after a damped step, at most 1 in each coordinate."""
-        score, curvature = self._equations(state)
-        damped = curvature + damping[:, None, None] * curvature * np.eye(2)
-        step = np.linalg.solve(damped, score[..., None])[..., 0]
-        gloss = state.gloss + np.where(moving[:, None], np.clip(step, -1.0, 1.0), 0.0)
-        gloss[:, 1] = np.clip(gloss[:, 1], *np.log(GAMMA_RANGE))
-        return self.fit.evaluate(gloss), np.linalg.norm(gloss - state.gloss, axis=1)
-
-    def chosen(self, better: NDArray[np.bool_], trial: PixelGloss, state: PixelGloss) -> PixelGloss:
-        """Of each pixel the better one."""
-        return _chosen(better, trial, state)
-
-    def gradient(self, state: PixelGloss) -> Array:
-        """(P,) of χ²/2."""
-        return np.linalg.norm(self._equations(state)[0], axis=1)
-
-    def _equations(self, state: PixelGloss) -> tuple[Array, Array]:
-        score = state.score - (state.gloss - self.law.mean) @ self.prior
-        return score, state.information + self.prior
-
-
-def _law_cost(gloss: Array, law: GlossLaw) -> Array:
-    """(P,) contribution of the law to χ²."""
-    off = gloss - law.mean
-    return np.einsum("pi,ij,pj->p", off, law.information, off)
-
-
-def _chosen(better: NDArray[np.bool_], one: PixelGloss, other: PixelGloss) -> PixelGloss:
-    """Of each pixel the estimate of `one` where it is better, else that of `other`."""
-    pairs = ((getattr(one, key), getattr(other, key)) for key in PixelGloss.__dataclass_fields__)
-    return PixelGloss(*(np.where(better.reshape(-1, *[1] * (a.ndim - 1)), a, b) for a, b in pairs))
