@@ -214,6 +214,7 @@ def measure(
     facets: Literal["auto", "gaussian", "student-t"] = "auto",
     interface: Literal["auto", "neutral", "coloured"] = "auto",
     own_light: Literal["report", "subtract"] = "report",
+    estimate: tuple[str, ...] = (),
     rig: Path | None = None,
     scheduler: Scheduler = HERE,
     force: Force = False,
@@ -227,12 +228,13 @@ def measure(
         facets: Gaussian, with tails (student-t), or by evidence (auto).
         interface: in the colour of the lamp (neutral), coloured, or by evidence (auto).
         own_light: the light that an object of unknown shape sends to itself: report it, or subtract it and solve again.
+        estimate: what else all photographs have in common, by name (a wrong one lists them), to estimate and take out.
         rig: rig.json of `calibrate rig`: strength and fall-off of the lamps, by which the photographs are divided.
     """
     with whole_folder(out, force) as home, progress_bar("measure") as progress:
         measurement = hg.measure(
             capture, n=n, distance=distance, facets=facets, interface=interface, own_light=own_light,
-            rig=rig, scratch=home, progress=progress, scheduler=scheduler.chosen,
+            estimate=estimate, rig=rig, scratch=home, progress=progress, scheduler=scheduler.chosen,
         )  # fmt: skip
         measurement.write_into(home)
         hg.write_measure_report(home / "report.html", measurement)

@@ -7,7 +7,8 @@ colour of each, every parameter with its standard error, its 95 % interval and w
 from __future__ import annotations
 
 import warnings
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,11 +20,14 @@ from hagoromo.measurement.material.body_map import BodyMap, body_map
 from hagoromo.measurement.material.clipped import clipped, without_clipped_gloss, without_plateaus
 from hagoromo.measurement.material.estimate import estimate_material
 from hagoromo.measurement.material.lamp_colour import LampColour, lamp_colour
-from hagoromo.measurement.material.model_choice import Facets, Interface, check_model
+from hagoromo.measurement.material.material_profile import Observe, changes_of, profile_of_material
+from hagoromo.measurement.material.model_choice import Facets, Interface, check_model, choose_fit
 from hagoromo.measurement.material.segment import interior, segment
 from hagoromo.measurement.material.separation import Separation, separated
 from hagoromo.measurement.measurement import Measurement
-from hagoromo.measurement.observations import known_shape, observe, shape
+from hagoromo.measurement.observations import Observations, known_shape, observe, shape
+from hagoromo.measurement.photometric.term import CaptureTerms, Term
+from hagoromo.measurement.photometric.term_fit import Profile, fit_terms
 from hagoromo.measurement.robust_fit import N_RANGE
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.photograph import Photograph
@@ -41,6 +45,7 @@ def measure_known_shape(
     progress: Progress = silent,
     facets: Facets = "auto",
     interface: Interface = "auto",
+    terms: CaptureTerms | None = None,
 ) -> Measurement:
     """Reflectance of every material of `capture`, whose points and normals are known.
 
@@ -49,15 +54,16 @@ def measure_known_shape(
     know; without it the spectra of the lamps and the camera's response are used (without a response, white is 1).
     facets, interface: whether tails of the facets and a colour of the interface are estimated: by evidence, never, or
     always (`choose_fit`). Highlights that give the colour of the lamps give none of the interface: it is neutral then.
+    terms: what was taken out of the photographs (`terms_of_known_shape`): its errors join those of the materials.
     Raises `InputError` when the shape or the lamps are missing, no pixel is usable, or a fit does not converge.
     """
     _check(capture, labels, n)
     model = _model(facets, interface, colour_from_highlights)
     capture = without_plateaus(capture)
     progress(0.0, "materials")
-    labels = split_by_gloss(capture, segment(capture)) if labels is None else np.asarray(labels, np.int64)
+    labels = _labels(capture, labels)
     colour = lamp_colour(capture, labels) if colour_from_highlights else None
-    materials, labels = _materials(capture, labels, n, colour, model, progress)
+    materials, labels = _materials(capture, labels, _Fitting(n, model, colour, terms), progress)
     white = None if colour is None else colour.value
     materials, gloss = gloss_map(capture, labels, materials, white)
     body = body_map(capture, labels, materials, white, gloss)
@@ -68,6 +74,41 @@ def measure_known_shape(
     return Measurement(
         materials, labels, predicted, residuals, normals, body=body, separation=separation, lamp_colour=colour
     )
+
+
+def terms_of_known_shape(
+    capture: Capture,
+    terms: Sequence[Term],
+    labels: NDArray[np.integer] | None = None,
+    n: float | None = None,
+    colour_from_highlights: bool = False,
+    facets: Facets = "auto",
+    interface: Interface = "auto",
+) -> CaptureTerms:
+    """The unknowns of `terms` in `capture`, from the fits of all its materials; settings as in `measure_known_shape`.
+
+    `InputError` when no material can be fitted, or the rounds do not converge.
+    """
+    _check(capture, labels, n)
+    model = _model(facets, interface, colour_from_highlights)
+    capture = without_plateaus(capture)
+    labels = _labels(capture, labels)
+
+    def profiles_of(without: Capture) -> list[Profile]:
+        colour = lamp_colour(without, labels) if colour_from_highlights else None
+        how, found = _Fitting(n, model, colour), []
+        for number in np.unique(labels[labels >= 0]):
+            observed = how.observed(without, labels, number)
+            try:
+                fit = choose_fit(samples := observed(without), n, *model).fitted.fit
+            except InputError:
+                continue  # a material that cannot be measured says nothing; `measure_known_shape` warns of it
+            found.append(profile_of_material(fit, changes_of(capture, terms, samples, observed)))
+        if not found:
+            raise InputError(f"{', '.join(term.name for term in terms)}: no material can be fitted to estimate it from")
+        return found
+
+    return fit_terms(capture, terms, profiles_of)
 
 
 def with_separation(capture: Capture, measurement: Measurement) -> Measurement:
@@ -103,13 +144,37 @@ def _model(facets: Facets, interface: Interface, colour_from_highlights: bool) -
     return facets, "neutral"
 
 
+def _labels(capture: Capture, labels: NDArray[np.integer] | None) -> NDArray[np.int64]:
+    return np.asarray(split_by_gloss(capture, segment(capture)) if labels is None else labels, np.int64)
+
+
+@dataclass(frozen=True, eq=False)
+class _Fitting:
+    """How materials are fitted: see `measure_known_shape`. colour: of the lamps, where it was measured."""
+
+    n: float | None
+    model: tuple[Facets, Interface]
+    colour: LampColour | None
+    terms: CaptureTerms | None = None
+
+    def observed(self, capture: Capture, labels: NDArray[np.integer], number: int) -> Observe:
+        """How the samples of material `number` are taken; the same ones of every capture of this shape."""
+        region = known_shape(capture) & interior(labels, number)
+        white = None if self.colour is None else self.colour.value
+        return lambda of: observe(of, region, white, SEED)
+
+    def samples(self, capture: Capture, labels: NDArray[np.integer], number: int) -> Observations:
+        """The samples of material `number`, with the errors that the terms of the capture give all values."""
+        observed = self.observed(capture, labels, number)
+        samples = observed(capture)
+        if self.terms is None:
+            return samples
+        changes = changes_of(capture, self.terms.terms, samples, observed)
+        return replace(samples, shared=changes @ np.linalg.cholesky(self.terms.covariance))
+
+
 def _materials(
-    capture: Capture,
-    labels: NDArray[np.integer],
-    n: float | None,
-    colour: LampColour | None,
-    model: tuple[Facets, Interface],
-    progress: Progress,
+    capture: Capture, labels: NDArray[np.integer], how: _Fitting, progress: Progress
 ) -> tuple[tuple[MaterialEstimate, ...], NDArray[np.integer]]:
     """The estimate of each label that can be measured, and the labels (h, w) as indices into the estimates.
 
@@ -121,7 +186,7 @@ def _materials(
     for i, number in enumerate(numbers):
         progress((i + 1) / (len(numbers) + 2), f"material {i + 1} of {len(numbers)}")
         try:
-            estimates[number] = _material(capture, labels, number, n, colour, model)
+            estimates[number] = _material(capture, labels, number, how)
         except InputError as error:
             refused.append(str(error))
     if not estimates:
@@ -134,21 +199,13 @@ def _materials(
     return tuple(estimates.values()), index[np.where(labels >= 0, labels, -1)]
 
 
-def _material(
-    capture: Capture,
-    labels: NDArray[np.integer],
-    number: int,
-    n: float | None,
-    colour: LampColour | None,
-    model: tuple[Facets, Interface],
-) -> MaterialEstimate:
-    region = known_shape(capture) & interior(labels, number)
-    samples = observe(capture, region, None if colour is None else colour.value, SEED)
-    error = None if colour is None else colour.relative_covariance
-    cut = clipped(capture, region)
+def _material(capture: Capture, labels: NDArray[np.integer], number: int, how: _Fitting) -> MaterialEstimate:
+    samples = how.samples(capture, labels, number)
+    error = None if how.colour is None else how.colour.relative_covariance
+    cut = clipped(capture, known_shape(capture) & interior(labels, number))
     try:
         pixels = int(np.sum(labels == number))
-        estimate = estimate_material(samples, f"material {number + 1}", pixels, n, error, *model)
+        estimate = estimate_material(samples, f"material {number + 1}", pixels, how.n, error, *how.model)
     except InputError as wrong:
         if cut.hidden > np.sum(samples.used.any(axis=1)):
             raise InputError(f"{wrong}; {cut.hidden} of its values are clipped: expose shorter") from wrong

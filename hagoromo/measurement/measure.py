@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import tempfile
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import get_args
@@ -19,7 +20,8 @@ from numpy.typing import NDArray
 from hagoromo.cluster.cluster import Workers
 from hagoromo.cluster.mapped import here_or_on
 from hagoromo.errors import InputError
-from hagoromo.measurement.known_shape import SEED, measure_known_shape, with_separation
+from hagoromo.measurement.estimated_terms import terms_of_unknown_shape
+from hagoromo.measurement.known_shape import SEED, measure_known_shape, terms_of_known_shape, with_separation
 from hagoromo.measurement.lamp_departure import lamp_departure
 from hagoromo.measurement.linearity import linearity_of, why_not_tested
 from hagoromo.measurement.material.body_map import BodyMap
@@ -28,7 +30,10 @@ from hagoromo.measurement.material.model_choice import Facets, Interface, check_
 from hagoromo.measurement.measurement import Measurement
 from hagoromo.measurement.normals.gloss_choice import GlossModel
 from hagoromo.measurement.normals.gloss_estimate import measurement_of, solved_gloss_map
+from hagoromo.measurement.normals.normal_profile import with_term_errors
 from hagoromo.measurement.normals.normals import NormalMap
+from hagoromo.measurement.photometric.term import CaptureTerms, Term
+from hagoromo.measurement.photometric.terms import terms_named
 from hagoromo.measurement.rig_share import fitted_rig
 from hagoromo.measurement.surface.depth import DepthSurface
 from hagoromo.measurement.surface.large_capture import large_source, solve_large
@@ -41,6 +46,7 @@ from hagoromo.photograph.stillness import moved
 from hagoromo.progress import Progress, part_of, silent
 
 FITTING_SHARE = 0.3  # approximate share of the time, of fitting a rig
+TERMS_SHARE = 0.6  # of estimating what photographs have in common
 UNKNOWN_DISTANCE = 1.0  # [m] from the camera, where it is unknown and only sets the scale of the points
 
 
@@ -54,6 +60,7 @@ def measure(
     facets: Facets = "auto",
     interface: Interface = "auto",
     own_light: OwnLightUse = "report",
+    estimate: Sequence[str] = (),
     rig: Rig | str | Path | None = None,
     scratch: str | Path | None = None,
     progress: Progress = silent,
@@ -73,6 +80,8 @@ def measure(
     known shape only. facets: "gaussian", "student-t" (with tails, whose ν is estimated) or "auto": with tails where
     there is evidence for them. interface: "neutral" (the colour of the lamp), "coloured" or "auto". own_light: what to
     do with the light that an object of unknown shape sends to itself: "report" it, or "subtract" it and solve again.
+    estimate: names of what else all photographs have in common (`terms_named` lists them): it is estimated and taken
+    out of them, see `terms.json`. Photographs that are solved in tiles have none.
     rig: the lamps beside one another, a Rig or its file (`calibrate_rig`): photographs are divided by the strength and
     fall-off of their lamp; of an object of unknown shape the photographs say how much of the differences in strength
     holds (in tiles: all of it), and what is measured is that of the photographs so evened. scratch: folder for the
@@ -87,9 +96,10 @@ def measure(
     settings = {"n": n, "distance_m": distance, "colour_from_highlights": colour_from_highlights or None}
     settings |= {key: of for key, of in (("facets", facets), ("interface", interface)) if of != "auto"}
     settings |= {"own_light": own_light} if own_light != "report" else {}
+    settings |= {"estimate": list(estimate)} if estimate else {}
     if own_light not in get_args(OwnLightUse):
         raise InputError(f"own_light is {own_light!r}: it is 'report' or 'subtract'")
-    wanted = Wanted(n, labels, colour_from_highlights, facets, interface, own_light)
+    wanted = Wanted(n, labels, colour_from_highlights, facets, interface, own_light, terms_named(estimate))
     rig = Rig.load(rig) if isinstance(rig, (str, Path)) else rig
     where = Where(distance, scratch, scheduler)
     measurement = _assumed(_measured(capture, wanted, where, progress, rig))
@@ -107,6 +117,7 @@ class Wanted:
     facets: Facets
     interface: Interface
     own_light: OwnLightUse = "report"
+    terms: tuple[Term, ...] = ()
 
     @property
     def model(self) -> GlossModel:
@@ -141,6 +152,11 @@ def _measured(
     if not isinstance(capture, Capture):
         source = large_source(capture)
         if source is not None:
+            if wanted.terms:
+                raise InputError(
+                    f"photographs as large as these are solved in tiles, and {wanted.terms[0].name} cannot be estimated"
+                    " then: reduce them, or leave --estimate out"
+                )
             source = replace(source, rig=rig)
             away = _distance(source.photograph(0), where.distance, wanted)
             home = Path(where.scratch or tempfile.gettempdir())
@@ -170,23 +186,39 @@ def _measured_whole(capture: Capture, wanted: Wanted, where: Where, progress: Pr
         warnings.warn("the capture is measured here: only large ones of unknown shape have tiles", stacklevel=3)
     _warn_of_motion(capture)
     if capture.points is not None and capture.normals is not None:
-        measurement = measure_known_shape(
-            capture,
-            wanted.labels,
-            wanted.n,
-            wanted.colour_from_highlights,
-            progress,
-            wanted.facets,
-            wanted.interface,
-        )
-        measurement = replace(measurement, points=capture.points, capture=capture)
-    else:
-        away = _distance(capture.photographs[0], where.distance, wanted)
-        solved = solve_surface(capture, away, progress, wanted.model, wanted.own_light)
-        measurement = solved.described(with_solved_shape(capture, solved.normal_map, solved.surface))
-        assert measurement.capture is not None
-        measurement = with_separation(measurement.capture, measurement)
-    return replace(measurement, body_spectra=body_spectra(capture, measurement.materials))
+        return _of_known_shape(capture, wanted, progress)
+    away = _distance(capture.photographs[0], where.distance, wanted)
+    return _of_unknown_shape(capture, wanted, away, progress)
+
+
+def _of_known_shape(capture: Capture, wanted: Wanted, progress: Progress) -> Measurement:
+    settings = wanted.labels, wanted.n, wanted.colour_from_highlights
+    terms = None
+    if wanted.terms:
+        terms = terms_of_known_shape(capture, wanted.terms, *settings, wanted.facets, wanted.interface)
+        capture = terms.without(capture)
+    measurement = measure_known_shape(capture, *settings, progress, wanted.facets, wanted.interface, terms)
+    measurement = replace(measurement, points=capture.points, capture=capture)
+    return _described(capture, measurement, terms)
+
+
+def _of_unknown_shape(capture: Capture, wanted: Wanted, distance: float, progress: Progress) -> Measurement:
+    terms = None
+    if wanted.terms:
+        shown, progress = part_of(progress, 0.0, TERMS_SHARE), part_of(progress, TERMS_SHARE, 1.0 - TERMS_SHARE)
+        terms = terms_of_unknown_shape(capture, wanted.terms, distance, wanted.model, shown)
+        capture = terms.without(capture)
+    solved = solve_surface(capture, distance, progress, wanted.model, wanted.own_light)
+    normal_map = solved.normal_map if terms is None else with_term_errors(capture, terms, solved.normal_map)
+    measurement = solved.described(with_solved_shape(capture, normal_map, solved.surface))
+    assert measurement.capture is not None
+    return _described(capture, with_separation(measurement.capture, measurement), terms)
+
+
+def _described(capture: Capture, measurement: Measurement, terms: CaptureTerms | None) -> Measurement:
+    """`measurement` of `capture`, which lacks `terms`, with spectra of the bodies and what the terms are."""
+    spectra = body_spectra(capture, measurement.materials)
+    return replace(measurement, body_spectra=spectra, terms={} if terms is None else terms.estimates())
 
 
 def _measure_tiles(
@@ -235,6 +267,7 @@ def _assumed(measurement: Measurement) -> Measurement:
         stated = capture.assumptions.get("transfer")
         warnings.warn(f"{said}{f' (transfer: {stated})' if stated else ''}: {found.advice}", stacklevel=3)
     taken = {**capture.assumptions, "linearity": said}
+    taken |= {name: one.sentence for name, one in measurement.terms.items()}
     solved = measurement.normal_map
     departure = None if solved is None else lamp_departure(solved, [one.lamps[0] for one in capture.photographs])
     if departure is not None and departure.significant:

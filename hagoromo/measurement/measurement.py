@@ -18,6 +18,7 @@ from hagoromo.measurement.lamp_departure import LampDeparture
 from hagoromo.measurement.material.body_map import BodyMap
 from hagoromo.measurement.material.separation import Separation
 from hagoromo.measurement.photographed import Photographed, photographed
+from hagoromo.measurement.photometric.term import TermEstimate
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.exponent import Exponent
 from hagoromo.photograph.rig import Rig
@@ -58,6 +59,8 @@ class Measurement:
     own_light: the light that a solved surface sends to itself; None where the shape was given.
     rig: the rig by which the photographs were evened, and rig_share: how much of the differences in strength that were
     stated holds for them (`rig` has them so). None: they were not evened.
+    terms: what all photographs have in common (`estimate` of `measure`), name → estimate; all else is measured without
+    it.
     photographed: camera and lamps, of a measurement that `load` read; `photographed_with` has those of any.
     A measurement that `load` read has no lamp_colour, capture, fine, normal_map and lamp_departure (None), and no
     predicted and residuals (empty).
@@ -87,6 +90,7 @@ class Measurement:
     own_light: OwnLight | None = None
     rig: Rig | None = None
     rig_share: float = 1.0
+    terms: Mapping[str, TermEstimate] = field(default_factory=dict)
 
     @property
     def gloss(self) -> GlossMap | None:
@@ -119,7 +123,8 @@ class Measurement:
         lamp and response are known; separation_NN.exr and pictures of both parts; residual_NN.png: white within the
         noise, red brighter and blue darker than predicted, full colour at 5 standard deviations, grey unknown;
         own_light.exr and own_light.json: the share of the light that a solved surface sends to itself;
-        camera.json, response.csv and lamps.json: what the photographs were taken with; rig.json: the rig.
+        camera.json, response.csv and lamps.json: what the photographs were taken with; rig.json: the rig;
+        terms.json: what was estimated of all photographs together.
         """
         from hagoromo.measurement.measurement_files import write_measurement
 

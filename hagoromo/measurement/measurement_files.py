@@ -21,6 +21,7 @@ from hagoromo.measurement.material.separation import Separation, write_separatio
 from hagoromo.measurement.measured_surface import MeasuredSurface, colour_channels, read_surface
 from hagoromo.measurement.measurement import Measurement
 from hagoromo.measurement.photographed import read_photographed, write_photographed
+from hagoromo.measurement.photometric.terms_file import read_terms, write_terms
 from hagoromo.measurement.surface.own_light import OwnLight
 from hagoromo.photograph.pixels import default_channels
 from hagoromo.photograph.points_file import write_points
@@ -45,6 +46,7 @@ def write_measurement(measurement: Measurement, home: Path) -> None:
         write_json(
             home / ASSUMPTIONS, {"hagoromo": written_by(), "assumptions": dict(measurement.assumptions), **found}
         )
+    write_terms(home, measurement.terms)
     if measurement.fine is None:
         variances = measurement.normal_variance, measurement.distance_variance
         _write_surface(home, measurement.labels, measurement.normals, measurement.points, variances)
@@ -123,6 +125,7 @@ def read_measurement(home: Path) -> Measurement:
         photographed=read_photographed(home),
         own_light=_read_own_light(home, surface),
         rig=Rig.load(home / RIG) if inside(home, RIG).is_file() else None,
+        terms=read_terms(home),
     )
 
 

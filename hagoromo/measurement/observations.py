@@ -31,6 +31,8 @@ class Observations:
     gain: (N, C) slope of that variance against the value. used: (N, C) true where a value may be fitted.
     sight: geometry and irradiance of the samples. ceiling: (N, C) where the sensor saturates, inf where unknown.
     tile: (N,) number of the image tile of the sample; pixel: (N,) number of its pixel, the same in all photographs.
+    shared: (N, C, Q) errors that the values have in common, of one standard deviation each, independent of one another;
+    None: there are none.
     """
 
     values: Array
@@ -41,6 +43,7 @@ class Observations:
     ceiling: Array
     tile: NDArray[np.int64]
     pixel: NDArray[np.int64]
+    shared: Array | None = None
 
     @property
     def channels(self) -> int:
@@ -51,7 +54,8 @@ class Observations:
         """The samples `rows`: indices, or a mask (N,)."""
         sight = Sight(Cosines(*(cosine[rows] for cosine in self.sight.cosines)), self.sight.irradiance[rows])
         keys = ("values", "noise", "gain", "used", "ceiling", "tile", "pixel")
-        return replace(self, sight=sight, **{key: getattr(self, key)[rows] for key in keys})
+        shared = None if self.shared is None else self.shared[rows]
+        return replace(self, sight=sight, shared=shared, **{key: getattr(self, key)[rows] for key in keys})
 
     def variance_at(self, model: Array, model_error: float = 0.0) -> Array:
         """Variance of a value of expectation `model` (…, N, C), and of a relative error `model_error` of the model.

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from hagoromo.measurement.photometric.term import TermEstimate
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
 from hagoromo.reflectance.parameters import FITTED_BODY_LAW
 
@@ -74,6 +75,12 @@ def findings(material: MaterialEstimate, pixels: int) -> Findings:
         if not material.identifiable.get(key, True) and not _beside_the_point(material, key)
     ]
     return Findings(material.name, tuple(sentences), tuple(absent))
+
+
+def findings_of_terms(terms: Mapping[str, TermEstimate]) -> list[Findings]:
+    """What all photographs have in common, as one finding; none where nothing of it was estimated."""
+    said = tuple(f"{one.sentence[0].upper()}{one.sentence[1:]}." for one in terms.values() if one.sentence)
+    return [Findings("all photographs together", said, ())] if said else []
 
 
 def missing(found: Sequence[Findings]) -> list[str]:

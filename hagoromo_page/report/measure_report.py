@@ -23,7 +23,7 @@ from hagoromo_page.publication.object_page import single_page
 from hagoromo_page.publication.publish import page_source
 from hagoromo_page.report.contact_sheet import contact_sheet
 from hagoromo_page.report.display import exposure
-from hagoromo_page.report.findings import findings, missing
+from hagoromo_page.report.findings import findings, findings_of_terms, missing
 from hagoromo_page.report.gloss_plot import gloss_plot
 from hagoromo_page.report.page import page_drawing, page_picture, page_viewer, write_page
 from hagoromo_page.report.report_pictures import around, developed
@@ -49,7 +49,7 @@ def write_measure_report(path: Path, measurement: Measurement) -> None:
         head=PARAMETER_TITLES,
         rows=[row for own in rows for row in own],
         parameters=len(rows[0]) if len({len(own) for own in rows}) == 1 else 0,
-        findings=found,
+        findings=[*found, *findings_of_terms(measurement.terms)],
         missing=missing(found) + _own_light_missing(measurement),
         assumptions=[f"{what}: {said}" for what, said in measurement.assumptions.items()],
         linearity=measurement.linearity,

@@ -9,9 +9,10 @@ from hagoromo.files.exr import read_exr
 from hagoromo.measurement.gloss.gloss_map import gloss_map
 from hagoromo.measurement.gloss.gloss_spread import gloss_spread
 from hagoromo.measurement.gloss.lobes import SampleLobes
-from hagoromo.measurement.gloss.pixel_gloss import GlossLaw, PixelGlossFit
+from hagoromo.measurement.gloss.pixel_gloss import PixelGlossFit
 from hagoromo.measurement.known_shape import measure_known_shape
 from hagoromo.measurement.observations import Pixels, known_shape, observe_pixels
+from hagoromo.measurement.photometric.gloss_posterior import GlossLaw
 from hagoromo.reflectance.material.materials_file import read_materials
 from hagoromo_page.report.measure_report import write_measure_report
 from tests.inverse.simulated_ball import FULL_WELL, Truth, simulate

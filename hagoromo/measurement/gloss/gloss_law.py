@@ -10,7 +10,7 @@ import numpy as np
 
 from hagoromo.least_squares.fit_status import FitStatus, Status
 from hagoromo.least_squares.rows import SMALLEST_CURVATURE
-from hagoromo.measurement.gloss.pixel_gloss import GlossLaw, PixelGloss
+from hagoromo.measurement.photometric.gloss_posterior import GlossLaw, PixelGloss
 from hagoromo.measurement.sight import Array
 
 GLOSS_LAW_STEPS = 200  # of expectation maximisation

@@ -17,9 +17,10 @@ from hagoromo.measurement.gloss.gloss_difference import WIDTHS, TriedLobe, gloss
 from hagoromo.measurement.gloss.gloss_record import with_gloss
 from hagoromo.measurement.gloss.gloss_spread import GlossSpread, gloss_spread
 from hagoromo.measurement.gloss.lobes import LobeShape
-from hagoromo.measurement.gloss.pixel_gloss import PixelGloss, PixelGlossFit
+from hagoromo.measurement.gloss.pixel_gloss import PixelGlossFit
 from hagoromo.measurement.material.segment import interior
 from hagoromo.measurement.observations import Observations, Pixels, known_shape, observe, observe_pixels
+from hagoromo.measurement.photometric.gloss_posterior import PixelGloss
 from hagoromo.measurement.sight import Array
 from hagoromo.photograph.capture import Capture
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate

@@ -17,8 +17,9 @@ from hagoromo.least_squares.loss import NORMAL_MEDIAN
 from hagoromo.measurement.gloss.gloss_index import Index, refractive_index
 from hagoromo.measurement.gloss.gloss_law import covariance_of_mean, deviance, likeliest
 from hagoromo.measurement.gloss.lobes import LobeShape
-from hagoromo.measurement.gloss.pixel_gloss import GlossLaw, PixelGloss, PixelGlossFit
+from hagoromo.measurement.gloss.pixel_gloss import PixelGlossFit
 from hagoromo.measurement.observations import Observations
+from hagoromo.measurement.photometric.gloss_posterior import GlossLaw, PixelGloss
 from hagoromo.measurement.robust_fit import GAMMA_RANGE
 from hagoromo.measurement.sight import Array
 

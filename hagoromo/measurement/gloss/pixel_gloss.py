@@ -8,8 +8,6 @@ highlight has no information: its estimate is the mean of the law, with the spre
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,6 +16,8 @@ from hagoromo.least_squares.levenberg_marquardt import Damping, Tolerance, leven
 from hagoromo.least_squares.loss import HUBER
 from hagoromo.measurement.gloss.lobes import LobeShape, SampleLobes
 from hagoromo.measurement.observations import Observations
+from hagoromo.measurement.photometric.gloss_posterior import SMALLEST_SPREAD, GlossLaw, GlossPosterior, PixelGloss
+from hagoromo.measurement.photometric.pixel_bodies import PixelBodies
 from hagoromo.measurement.robust_fit import GAMMA_RANGE
 from hagoromo.measurement.sight import Array
 
@@ -26,39 +26,7 @@ STARTS_WITHIN = 2.5  # standard deviations of the law around its mean in which s
 PIXEL_GLOSS_ROUNDS = 3  # of weights and variances, which depend on the model
 PIXEL_GLOSS_STEPS = 25  # of a pixel, in each round
 SMALLEST_DECREMENT = 1e-4  # of χ²/2: a pixel whose next step would lower it by less has converged (1 % of an error)
-SMALLEST_SPREAD = 1e-4  # standard deviation added to a law, so that its covariance can be inverted
-
-
-@dataclass(frozen=True, eq=False)
-class GlossLaw:
-    """Normal law of (ln β F₀, ln γ) over the pixels of a material: mean (2,), covariance (2, 2)."""
-
-    mean: Array
-    covariance: Array
-
-    @property
-    def information(self) -> Array:
-        """(2, 2) inverse of the covariance."""
-        return np.asarray(np.linalg.inv(self.covariance + SMALLEST_SPREAD**2 * np.eye(2)), np.float64)
-
-
-@dataclass(frozen=True, eq=False)
-class PixelGloss:
-    """Estimates of P pixels.
-
-    gloss: (P, 2) ln β F₀ and ln γ. covariance: (P, 2, 2) of the posterior. information: (P, 2, 2) of the photographs
-    alone; pull: (P, 2) −½ dχ²/d(gloss). body: (P, C) α c_b and its standard error. chi_square: (P,) with the weights
-    of `PixelFit.weight`. converged: (P,) whether the estimate is at a maximum of the posterior.
-    """
-
-    gloss: Array
-    covariance: Array
-    information: Array
-    score: Array
-    body: Array
-    body_error: Array
-    chi_square: Array
-    converged: NDArray[np.bool_]
+LONGEST_GLOSS_STEP = 1.0  # of ln β and ln γ each
 
 
 class PixelGlossFit:
@@ -73,7 +41,6 @@ class PixelGlossFit:
         self.observations, self.n, self.noise, self.shape = observations, n, noise, shape
         self.pixels, self.pixel = np.unique(observations.pixel, return_inverse=True)
         self._lobes = SampleLobes(observations.sight, n, shape)
-        self._lit = observations.sight.body
         self.weigh(np.where(observations.used, 1.0 / (noise**2 * observations.noise), 0.0))
 
     def __len__(self) -> int:
@@ -115,7 +82,7 @@ class PixelGlossFit:
 
     def settled(self, gloss: Array, law: GlossLaw) -> tuple[Array, FitStatuses]:
         """`gloss` (P, 2) moved to the nearest maximum of the posterior at fixed weights, and how that ended."""
-        problem, tolerance = _Posterior(self, law), Tolerance(decrement=SMALLEST_DECREMENT)
+        problem, tolerance = GlossPosterior(self, law), Tolerance(decrement=SMALLEST_DECREMENT)
         solution = levenberg_marquardt(problem, self.evaluate(gloss), Damping(), tolerance, PIXEL_GLOSS_STEPS)
         return solution.state.gloss, solution.statuses
 
@@ -127,31 +94,31 @@ class PixelGlossFit:
         self.weigh(np.where(self.observations.used, loss, 0.0) / variance)
 
     def weigh(self, weight: Array) -> None:
-        """Set `weight` (N, C), and with it the variance (P, C) of a body at a given gloss."""
+        """Set `weight` (N, C), and with it the bodies that follow at a given gloss."""
         self.weight = weight
-        power = self._sum(weight * self._lit**2)
-        self._inverse = np.divide(1.0, power, out=np.zeros_like(power), where=power > 0.0)
+        self.bodies = PixelBodies(self.pixel, self.observations.sight.body, weight)
 
     def model(self, gloss: Array) -> Array:
         """Expected values (N, C)."""
         interface = self._columns(gloss)[0]
-        return self._lit * self._body_of(self.observations.values - interface)[self.pixel] + interface
+        return self.bodies.light(self.observations.values - interface) + interface
 
     def leverage(self) -> Array:
         """(N, C) leverage of a value in the body of its pixel."""
-        return self.weight * self._lit**2 * self._inverse[self.pixel]
+        return self.bodies.leverage()
 
     def evaluate(self, gloss: Array) -> PixelGloss:
         """χ², its derivatives and the body at `gloss` (P, 2); body errors and covariance are those at fixed gloss."""
         columns = self._columns(gloss)
         rest = self.observations.values - columns[0]
-        body = self._body_of(rest)
-        deviation = rest - self._lit * body[self.pixel]
-        within = [column - self._lit * self._body_of(column)[self.pixel] for column in columns]
+        bodies, sums = self.bodies, self.bodies.sums
+        body = bodies.of(rest)
+        deviation = rest - bodies.lit * body[self.pixel]
+        within = [column - bodies.light(column) for column in columns]
         weighted = [self.weight * column for column in within]
-        chi_square = self._sum((self.weight * deviation**2).sum(axis=1))
-        score = np.stack([self._sum((column * deviation).sum(axis=1)) for column in weighted], axis=1)
-        ss, sg, gg = (self._sum((weighted[i] * within[j]).sum(axis=1)) for i, j in ((0, 0), (0, 1), (1, 1)))
+        chi_square = sums((self.weight * deviation**2).sum(axis=1))
+        score = np.stack([sums((column * deviation).sum(axis=1)) for column in weighted], axis=1)
+        ss, sg, gg = (sums((weighted[i] * within[j]).sum(axis=1)) for i, j in ((0, 0), (0, 1), (1, 1)))
         information = np.stack([ss, sg, sg, gg], axis=1).reshape(-1, 2, 2)
         return PixelGloss(
             gloss,
@@ -159,10 +126,37 @@ class PixelGlossFit:
             information,
             score,
             body,
-            np.sqrt(self._inverse),
+            np.sqrt(bodies.variance),
             chi_square,
             np.zeros(len(self), bool),
         )
+
+    def loss(self, state: PixelGloss) -> Array:
+        """(P,) χ² at fixed weights."""
+        return state.chi_square
+
+    def equations(self, state: PixelGloss, prior: Array, damping: Array) -> tuple[Array, Array]:
+        """See `GlossPixels`; the prior is damped, too."""
+        curvature = state.information + prior
+        return curvature + damping[:, None, None] * curvature * np.eye(2), state.score
+
+    def further_decrement(self, state: PixelGloss) -> Array:
+        """None: the body colours are at their best."""
+        return np.zeros(len(self))
+
+    def moved(
+        self, state: PixelGloss, step: Array, damping: Array, moving: NDArray[np.bool_]
+    ) -> tuple[PixelGloss, Array]:
+        """The state after a step of the pixels that are moving, and its length (P,)."""
+        limit = LONGEST_GLOSS_STEP
+        gloss = state.gloss + np.where(moving[:, None], np.clip(step, -limit, limit), 0.0)
+        gloss[:, 1] = np.clip(gloss[:, 1], *np.log(GAMMA_RANGE))
+        return self.evaluate(gloss), np.linalg.norm(gloss - state.gloss, axis=1)
+
+    def chosen(self, better: NDArray[np.bool_], trial: PixelGloss, state: PixelGloss) -> PixelGloss:
+        """Of each pixel the better one."""
+        pairs = ((getattr(trial, key), getattr(state, key)) for key in PixelGloss.__dataclass_fields__)
+        return PixelGloss(*(np.where(better.reshape(-1, *[1] * (a.ndim - 1)), a, b) for a, b in pairs))
 
     def _start(self, law: GlossLaw) -> Array:
         """(P, 2): the best of several widths, each with its best strength."""
@@ -177,7 +171,7 @@ class PixelGlossFit:
             ratio = 1.0 + estimates.score[:, 0] / np.maximum(estimates.information[:, 0, 0], 1e-300)
             reach = STARTS_WITHIN * spread[0]
             gloss[:, 0] += np.clip(np.log(np.maximum(ratio, 1e-6)), -reach, reach)
-            cost = self.evaluate(gloss).chi_square + _law_cost(gloss, law)
+            cost = self.evaluate(gloss).chi_square + law.loss(gloss)
             best, lowest = np.where((cost < lowest)[:, None], gloss, best), np.minimum(cost, lowest)
         return best
 
@@ -189,69 +183,5 @@ class PixelGlossFit:
 
     def _body_variance(self, gloss: Array, covariance: Array) -> Array:
         """(P, C) contribution of the covariance of the gloss to the variance of the body."""
-        slopes = np.stack([self._body_of(column) for column in self._columns(gloss)], axis=-1)
+        slopes = np.stack([self.bodies.of(column) for column in self._columns(gloss)], axis=-1)
         return np.einsum("pci,pij,pcj->pc", slopes, covariance, slopes)
-
-    def _body_of(self, values: Array) -> Array:
-        """(P, C) least squares of values (N, C) by the light on each pixel, 0 where a channel was not measured."""
-        return self._sum(self.weight * self._lit * values) * self._inverse
-
-    def _sum(self, values: Array) -> Array:
-        """Values (N,) or (N, C) summed over the samples of each pixel."""
-        if values.ndim == 1:
-            return np.bincount(self.pixel, values, len(self)).astype(np.float64)
-        return np.stack([self._sum(column) for column in values.T], axis=1)
-
-
-class _Posterior:
-    """The posterior of P pixels under a law, as a problem of `least_squares`; the cost is χ² plus that of the law."""
-
-    def __init__(self, fit: PixelGlossFit, law: GlossLaw) -> None:
-        self.fit, self.law, self.prior = fit, law, law.information
-
-    def cost(self, state: PixelGloss) -> Array:
-        """(P,)"""
-        return state.chi_square + _law_cost(state.gloss, self.law)
-
-    def decrement(self, state: PixelGloss, moving: NDArray[np.bool_]) -> Array:
-        """(P,) of χ²/2, without ln γ where it is held at a limit of its range."""
-        score, curvature = self._equations(state)
-        low, high = np.log(GAMMA_RANGE)
-        log_gamma = state.gloss[:, 1]
-        held = ((log_gamma <= low) & (score[:, 1] < 0.0)) | ((log_gamma >= high) & (score[:, 1] > 0.0))
-        newton = np.linalg.solve(curvature, score[..., None])[..., 0]
-        whole = 0.5 * np.einsum("pi,pi->p", score, newton)
-        return np.where(held, 0.5 * score[:, 0] ** 2 / curvature[:, 0, 0], whole)
-
-    def trial(self, state: PixelGloss, damping: Array, moving: NDArray[np.bool_]) -> tuple[PixelGloss, Array]:
-        """The state after a damped step, at most 1 in each coordinate."""
-        score, curvature = self._equations(state)
-        damped = curvature + damping[:, None, None] * curvature * np.eye(2)
-        step = np.linalg.solve(damped, score[..., None])[..., 0]
-        gloss = state.gloss + np.where(moving[:, None], np.clip(step, -1.0, 1.0), 0.0)
-        gloss[:, 1] = np.clip(gloss[:, 1], *np.log(GAMMA_RANGE))
-        return self.fit.evaluate(gloss), np.linalg.norm(gloss - state.gloss, axis=1)
-
-    def chosen(self, better: NDArray[np.bool_], trial: PixelGloss, state: PixelGloss) -> PixelGloss:
-        """Of each pixel the better one."""
-        return _chosen(better, trial, state)
-
-    def gradient(self, state: PixelGloss) -> Array:
-        """(P,) of χ²/2."""
-        return np.linalg.norm(self._equations(state)[0], axis=1)
-
-    def _equations(self, state: PixelGloss) -> tuple[Array, Array]:
-        score = state.score - (state.gloss - self.law.mean) @ self.prior
-        return score, state.information + self.prior
-
-
-def _law_cost(gloss: Array, law: GlossLaw) -> Array:
-    """(P,) contribution of the law to χ²."""
-    off = gloss - law.mean
-    return np.einsum("pi,ij,pj->p", off, law.information, off)
-
-
-def _chosen(better: NDArray[np.bool_], one: PixelGloss, other: PixelGloss) -> PixelGloss:
-    """Of each pixel the estimate of `one` where it is better, else that of `other`."""
-    pairs = ((getattr(one, key), getattr(other, key)) for key in PixelGloss.__dataclass_fields__)
-    return PixelGloss(*(np.where(better.reshape(-1, *[1] * (a.ndim - 1)), a, b) for a, b in pairs))

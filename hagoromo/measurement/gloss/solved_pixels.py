@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 
 from hagoromo.least_squares.levenberg_marquardt import Damping, Tolerance, levenberg_marquardt
 from hagoromo.least_squares.loss import CAUCHY_SCALE
-from hagoromo.measurement.gloss.pixel_gloss import GlossLaw, PixelGloss
 from hagoromo.measurement.normals.shading import TAIL, shading, turned
 from hagoromo.measurement.normals.views import Array, Views
+from hagoromo.measurement.photometric.gloss_posterior import GlossLaw, GlossPosterior, PixelGloss
+from hagoromo.measurement.photometric.reading import reading
 from hagoromo.measurement.robust_fit import GAMMA_RANGE
 
 COARSE = 10.0  # standard deviations of the first steps
@@ -27,6 +28,7 @@ PARTS = 4  # of the pixels, whose number is that of a kernel: other numbers are 
 LONGEST_TURN = 0.1  # [rad] of a normal in one step
 SMALLEST_CURVATURE = 1e-3  # [rad⁻²] of the turns, so that the step of a pixel that hardly any lamp lights is finite
 LEAST_BODY_RATIO = 0.2  # smallest ratio of a body colour after a step to the one before
+LONGEST_GLOSS_STEP = 0.7  # of ln β and ln γ each
 TURNS, OWN = np.s_[:2], np.s_[2:]  # places of the turns of the normal, and of ln β and ln γ
 
 
@@ -71,7 +73,7 @@ class SolvedPixels:
         for factor in (COARSE, 1.0):
             data = replace(self, variance=factor**2 * self.variance)
             state = data.state(state.gloss, state.normals, state.body)
-            solution = levenberg_marquardt(_SolvedPosterior(data, law), state, Damping(start=1e-2), tolerance, steps)
+            solution = levenberg_marquardt(GlossPosterior(data, law), state, Damping(start=1e-2), tolerance, steps)
             state, converged = solution.state, solution.statuses.converged
         return state, state.estimates(law, converged)
 
@@ -79,11 +81,11 @@ class SolvedPixels:
         """Loss and normal equations at gloss (P, 2), normals (P, 3) and body (P, C)."""
         shade, even, colour = self._shade(gloss, normals), self.evenness[:, None], self.colour[:, None]
         lit, of_body = self.evenness * shade.body, body.T
-        deviation = self.views.values - even * (of_body * shade.body[:, None] + colour * shade.interface[:, None])
+        deviation = self.views.values - even * reading(of_body, shade.body[:, None], colour, shade.interface[:, None])
         squared = deviation**2 / self.variance / CAUCHY_SCALE**2
         weight = 1.0 / (self.variance * (1.0 + squared))
         columns = [
-            even * (of_body * by_body[:, None] + colour * by_lobe[:, None])
+            even * reading(of_body, by_body[:, None], colour, by_lobe[:, None])
             for by_body, by_lobe in zip(shade.body_turned, shade.interface_turned, strict=True)
         ]
         columns += [even * colour * of[:, None] for of in (shade.interface, shade.by_width)]
@@ -101,6 +103,39 @@ class SolvedPixels:
             np.array([np.einsum("kcp,kcp->p", w, deviation) for w in weighed]).T,
             np.einsum("kcp,kp->pc", weight * deviation, lit),
         )
+
+    def loss(self, state: State) -> Array:
+        """(P,) robust loss of the values."""
+        return state.loss
+
+    def equations(self, state: State, prior: Array, damping: Array) -> tuple[Array, Array]:
+        """See `GlossPixels`; the prior is not damped."""
+        curvature, score, _ = state.reduced(damping)
+        curvature[:, OWN, OWN] += prior
+        return curvature, score
+
+    def further_decrement(self, state: State) -> Array:
+        """(P,) of the body colours, which take steps of their own."""
+        return 0.5 * np.sum(state.body_score**2 / state.damped_bodies(np.zeros(len(state.loss))), axis=1)
+
+    def moved(self, state: State, step: Array, damping: Array, moving: NDArray[np.bool_]) -> tuple[State, Array]:
+        """The state after a step of the pixels that are moving, their body colours following, and its length (P,)."""
+        step[:, OWN] = np.clip(step[:, OWN], -LONGEST_GLOSS_STEP, LONGEST_GLOSS_STEP)
+        length = np.linalg.norm(step[:, TURNS], axis=1)
+        step[:, TURNS] *= np.minimum(1.0, LONGEST_TURN / np.maximum(length, 1e-12))[:, None]
+        by_body = (state.body_score - np.einsum("pic,pi->pc", state.mixed, step)) / state.damped_bodies(damping)
+        gloss = state.gloss + step[:, OWN]
+        gloss[:, 1] = np.clip(gloss[:, 1], *np.log(GAMMA_RANGE))
+        body = np.maximum(state.body + by_body, LEAST_BODY_RATIO * state.body)
+        fits = np.flatnonzero(moving)
+        fits = np.resize(fits, -(-PARTS * len(fits) // len(moving)) * len(moving) // PARTS)  # some of them twice
+        normals = turned(state.normals, step[:, TURNS], self.views.to_eye)
+        found = self.pixels(fits).state(gloss[fits], normals[fits], body[fits])
+        return _put(state, found, fits), np.linalg.norm(step, axis=1)
+
+    def chosen(self, better: NDArray[np.bool_], trial: State, state: State) -> State:
+        """Of each pixel the better one."""
+        return _put(state, trial.of(better), np.flatnonzero(better))
 
     def _shade(self, gloss: Array, normals: Array) -> _Shade:
         """Body and interface of all lobes together (K, P), and their slopes."""
@@ -157,12 +192,16 @@ class State:
         """That of some pixels."""
         return State(*(part[chosen] for part in vars(self).values()))
 
+    def damped_bodies(self, ridge: Array) -> Array:
+        """(P, C) curvature by the bodies."""
+        return self.of_body * (1.0 + ridge[:, None]) + 1e-12
+
     def reduced(self, ridge: Array) -> tuple[Array, Array, Array]:
         """Curvature (P, 4, 4) and score (P, 4) with the bodies eliminated, and the bodies' curvature (P, C).
 
         ridge: (P,) of the damping.
         """
-        of_body = self.of_body * (1.0 + ridge[:, None]) + 1e-12
+        of_body = self.damped_bodies(ridge)
         own = self.own + ridge[:, None, None] * self.own * np.eye(4)
         own[:, 0, 0] += SMALLEST_CURVATURE
         own[:, 1, 1] += SMALLEST_CURVATURE
@@ -188,55 +227,6 @@ class State:
         whole = self.reduced(np.zeros(len(self.loss)))[0]
         whole[:, OWN, OWN] += law.information
         return np.einsum("pii->p", np.linalg.inv(whole)[:, TURNS, TURNS])
-
-
-class _SolvedPosterior:
-    """The posterior of P pixels under a law, as a problem of `least_squares`."""
-
-    def __init__(self, data: SolvedPixels, law: GlossLaw) -> None:
-        self.data, self.law, self.prior = data, law, law.information
-
-    def cost(self, state: State) -> Array:
-        """(P,)"""
-        off = state.gloss - self.law.mean
-        return 0.5 * (state.loss + np.einsum("pi,ij,pj->p", off, self.prior, off))
-
-    def decrement(self, state: State, moving: NDArray[np.bool_]) -> Array:
-        """(P,) fall of the cost that an undamped step predicts."""
-        curvature, score, of_body = self._equations(state, np.zeros(len(state.loss)))
-        step = np.linalg.solve(curvature, score[..., None])[..., 0]
-        return 0.5 * (np.einsum("pi,pi->p", score, step) + np.sum(state.body_score**2 / of_body, axis=1))
-
-    def trial(self, state: State, damping: Array, moving: NDArray[np.bool_]) -> tuple[State, Array]:
-        """The state after a damped step of the pixels that are moving."""
-        curvature, score, of_body = self._equations(state, damping)
-        step = np.asarray(np.linalg.solve(curvature, score[..., None])[..., 0], np.float64)
-        step[:, OWN] = np.clip(step[:, OWN], -0.7, 0.7)
-        length = np.linalg.norm(step[:, TURNS], axis=1)
-        step[:, TURNS] *= np.minimum(1.0, LONGEST_TURN / np.maximum(length, 1e-12))[:, None]
-        by_body = (state.body_score - np.einsum("pic,pi->pc", state.mixed, step)) / of_body
-        gloss = state.gloss + step[:, OWN]
-        gloss[:, 1] = np.clip(gloss[:, 1], *np.log(GAMMA_RANGE))
-        body = np.maximum(state.body + by_body, LEAST_BODY_RATIO * state.body)
-        fits = np.flatnonzero(moving)
-        fits = np.resize(fits, -(-PARTS * len(fits) // len(moving)) * len(moving) // PARTS)  # some of them twice
-        normals = turned(state.normals, step[:, TURNS], self.data.views.to_eye)
-        found = self.data.pixels(fits).state(gloss[fits], normals[fits], body[fits])
-        return _put(state, found, fits), np.linalg.norm(step, axis=1)
-
-    def chosen(self, better: NDArray[np.bool_], trial: State, state: State) -> State:
-        """Of each pixel the better one."""
-        return _put(state, trial.of(better), np.flatnonzero(better))
-
-    def gradient(self, state: State) -> Array:
-        """(P,) of the cost by ln β and ln γ."""
-        return np.linalg.norm(self._equations(state, np.zeros(len(state.loss)))[1][:, OWN], axis=1)
-
-    def _equations(self, state: State, damping: Array) -> tuple[Array, Array, Array]:
-        curvature, score, of_body = state.reduced(damping)
-        curvature[:, OWN, OWN] += self.prior
-        score[:, OWN] -= (state.gloss - self.law.mean) @ self.prior
-        return curvature, score, of_body
 
 
 def _put(state: State, part: State, pixels: NDArray[np.intp]) -> State:

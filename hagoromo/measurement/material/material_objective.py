@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.measurement.parameters import LOG_GAMMA, LOG_N1, STRENGTH, TAIL, channels_of, interface_colour, pack_theta
+from hagoromo.measurement.photometric.pixel_bodies import PixelBodies
+from hagoromo.measurement.photometric.reading import reading
 from hagoromo.measurement.robust_fit import Objective
 from hagoromo.measurement.sight import Array, Sight
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
@@ -46,8 +48,7 @@ class MaterialObjective(Objective):
 class AlbedoVariationObjective(MaterialObjective):
     """The least squares with a body colour per pixel and a shared interface; `weights` (N, C) are frozen.
 
-    For a given interface the body colour of a pixel has a closed form, so it is eliminated (variable projection,
-    Golub & Pereyra 1973). In θ, α c_b is the mean over the pixels.
+    The body colours are eliminated (`PixelBodies`). In θ, α c_b is the mean over the pixels.
     """
 
     @cached_property
@@ -57,12 +58,12 @@ class AlbedoVariationObjective(MaterialObjective):
 
     @cached_property
     def power(self) -> Array:
-        """(P, C) Σ w b² of each pixel: the inverse variance of its body; 0 where a channel was not measured."""
-        return self._sum(self._weight * self.observations.sight.body**2)
+        """(P, C) inverse variance of each pixel's body; 0 where a channel was not measured."""
+        return self._bodies.power
 
     def bodies(self, theta: Array) -> Array:
         """Body colours α c_b (P, C) that fit best with the interface of θ (P,), NaN for channels not measured."""
-        bodies = self._body_of(self.observations.values - self._interface(theta))
+        bodies = self._bodies.of(self.observations.values - self._interface(theta))
         return np.where(self.power > 0.0, bodies, np.nan)
 
     def evaluate(self, theta: Array) -> tuple[Array, Array, Array]:
@@ -74,37 +75,33 @@ class AlbedoVariationObjective(MaterialObjective):
     def model(self, theta: Array) -> Array:
         """Expected values (N, C) with the body colour of each pixel."""
         interface = self._interface(theta)
-        return (
-            self.observations.sight.body * self._body_of(self.observations.values - interface)[self.pixel] + interface
-        )
+        return self._bodies.light(self.observations.values - interface) + interface
 
     def jacobian(self, theta: Array) -> Array:
         """Derivatives of the values by θ (N, C, P); the body colours follow."""
         columns = self._columns(theta)
         c = self.observations.channels
         share = (
-            self._share * self.observations.sight.body * (self._inverse / self._mean_variance / self._count)[self.pixel]
+            self._share
+            * self.observations.sight.body
+            * (self._bodies.variance / self._mean_variance / self._count)[self.pixel]
         )
         gloss = self.within(columns) + share[..., None] * self._mean(columns)
         return np.concatenate([share[..., None] * np.eye(c), gloss], axis=-1)
 
     def within(self, columns: Array) -> Array:
         """Columns (N, C, Q) less their projection on changes of the pixels' body colours."""
-        projection = np.stack([self._body_of(column) for column in np.moveaxis(columns, 2, 0)], axis=-1)
-        return columns - self.observations.sight.body[..., None] * projection[self.pixel]
+        return np.stack([one - self._bodies.light(one) for one in np.moveaxis(columns, 2, 0)], axis=-1)
 
     def own_leverage(self) -> Array:
         """(N, C) leverage of a value in the body colour of its pixel."""
-        return self._weight * self.observations.sight.body**2 * self._inverse[self.pixel]
+        return self._bodies.leverage()
 
     @cached_property
-    def _weight(self) -> Array:
+    def _bodies(self) -> PixelBodies:
         assert self.weights is not None
-        return np.where(self.observations.used, self.weights, 0.0) / self.variance
-
-    @cached_property
-    def _inverse(self) -> Array:
-        return np.divide(1.0, self.power, out=np.zeros_like(self.power), where=self.power > 0.0)
+        weight = np.where(self.observations.used, self.weights, 0.0) / self.variance
+        return PixelBodies(self.pixel, self.observations.sight.body, weight)
 
     @cached_property
     def _share(self) -> Array:
@@ -118,22 +115,24 @@ class AlbedoVariationObjective(MaterialObjective):
     @cached_property
     def _mean_variance(self) -> Array:
         """(C,) variance of the mean body at a given interface."""
-        return self._inverse.sum(axis=0) / self._count**2
+        return self._bodies.variance.sum(axis=0) / self._count**2
 
     def _at(self, theta: Array) -> tuple[Array, Array, Array]:
         c = self.observations.channels
         columns = self._columns(theta)
         rest = self.observations.values - self._interface(theta)
-        bodies = self._body_of(rest)
+        bodies = self._bodies.of(rest)
         deviation = rest - self.observations.sight.body * bodies[self.pixel]
         beside = (theta[:c] - bodies.sum(axis=0) / self._count) / self._mean_variance
         within, mean = self.within(columns), self._mean(columns)
-        cost = 0.5 * np.sum(self._weight * deviation**2) + 0.5 * np.sum(beside**2 * self._mean_variance)
-        gradient = np.r_[beside, beside @ mean - np.einsum("nc,ncq,nc->q", self._weight, within, deviation)]
+        cost = 0.5 * np.sum(self._bodies.weight * deviation**2) + 0.5 * np.sum(beside**2 * self._mean_variance)
+        gradient = np.r_[beside, beside @ mean - np.einsum("nc,ncq,nc->q", self._bodies.weight, within, deviation)]
         curvature = np.diag(np.r_[1.0 / self._mean_variance, np.zeros(columns.shape[2])])
         curvature[:c, c:] = mean / self._mean_variance[:, None]
         curvature[c:, :c] = curvature[:c, c:].T
-        curvature[c:, c:] = np.einsum("nc,ncp,ncq->pq", self._weight, within, within) + mean.T @ curvature[:c, c:]
+        curvature[c:, c:] = (
+            np.einsum("nc,ncp,ncq->pq", self._bodies.weight, within, within) + mean.T @ curvature[:c, c:]
+        )
         return np.asarray(cost), gradient, curvature
 
     def _columns(self, theta: Array) -> Array:
@@ -150,16 +149,8 @@ class AlbedoVariationObjective(MaterialObjective):
 
     def _mean(self, columns: Array) -> Array:
         """(C, P − C) change of the mean body per change along the columns."""
-        means = [self._body_of(column).sum(axis=0) / self._count for column in np.moveaxis(columns, 2, 0)]
+        means = [self._bodies.of(column).sum(axis=0) / self._count for column in np.moveaxis(columns, 2, 0)]
         return np.stack(means, axis=-1)
-
-    def _body_of(self, values: Array) -> Array:
-        """(P, C) least squares of values (N, C) by b in each pixel, 0 where a channel was not measured."""
-        return self._sum(self._weight * self.observations.sight.body * values) * self._inverse
-
-    def _sum(self, values: Array) -> Array:
-        """(N, C) summed over the samples of each pixel: (P, C)."""
-        return np.stack([np.bincount(self.pixel, column).astype(np.float64) for column in values.T], axis=1)
 
 
 def theta_of(material: MaterialEstimate, alpha_body: Array) -> Array:
@@ -178,4 +169,4 @@ def interface_of(sight: Sight, material: MaterialEstimate) -> Array:
 def expected(sight: Sight, theta: Array) -> Array:
     """Expected values (N, C) at θ (P,)."""
     lobe = sight.lobe(theta[LOG_GAMMA, None], theta[LOG_N1:], theta[TAIL, None]).value[0]
-    return theta[: channels_of(theta)] * sight.body + theta[STRENGTH] * interface_colour(theta) * lobe
+    return reading(theta[: channels_of(theta)], sight.body, theta[STRENGTH] * interface_colour(theta), lobe)

@@ -70,7 +70,8 @@ def with_covariance(
     """The fit with weights frozen where they are, and the sandwich covariance A⁻¹BA⁻¹ of the estimate (Huber 1981).
 
     A = Σ ρ'' jjᵀ/v and B = Σ ρ'² jjᵀ/v, each term divided by 1 − its leverage. If the model is incomplete, residuals of
-    neighbours are correlated: B then sums ρ' j/√v over each image tile before it squares.
+    neighbours are correlated: B then sums ρ' j/√v over each image tile before it squares. Errors that all values share
+    (`Observations.shared`) move the estimate as values that change by so much do, and are added.
     """
     observations, inside = objective.observations, free & ~at_bound(theta)
     used = observations.used
@@ -91,6 +92,10 @@ def with_covariance(
     weight = objective.loss.weight(r)
     influence[:, inside] = np.sqrt(np.mean((r * weight) ** 2)) * (j * (weight > 0.0)[:, None]) @ inverse
     covariance[np.ix_(inside, inside)] = inverse @ (score.T @ score) @ inverse
+    if observations.shared is not None:
+        common = observations.shared[used] / np.sqrt(objective.variance[used])[:, None]
+        moved = inverse @ (j.T @ (objective.loss.curvature(r)[:, None] * common))
+        covariance[np.ix_(inside, inside)] += moved @ moved.T
     weights = np.zeros_like(observations.values)
     weights[used] = objective.loss.weight(r)
     frozen = replace(objective, weights=weights)

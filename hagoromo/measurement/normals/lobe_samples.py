@@ -17,6 +17,7 @@ from hagoromo.least_squares.loss import CAUCHY_SCALE
 from hagoromo.measurement.normals.photometric_model import Fit
 from hagoromo.measurement.normals.shading import N, shading
 from hagoromo.measurement.normals.views import Array, Views
+from hagoromo.measurement.photometric.reading import reading
 from hagoromo.photograph.capture import Capture
 from hagoromo.reflectance.torrance_sparrow import cosines, weights_at
 
@@ -69,7 +70,7 @@ class Samples:
 
     def model(self, interface: Array, body: Array) -> Array:
         """(K, C, P) values of body colours (C, P) and the interface (K, P)."""
-        return body * self.body[:, None] + self.colour * interface[:, None]
+        return reading(body, self.body[:, None], self.colour, interface[:, None])
 
     def weights(self, model: Array | None) -> Array:
         """(K, C, P) inverse variance; less where light is missing; 0 where a lower bound holds already."""

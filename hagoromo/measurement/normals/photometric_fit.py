@@ -56,6 +56,7 @@ def fit_together(views: Views, start: Fit, prior: Prior, model: GlossModel = BY_
         model_error=fit.model_error,
         covariance=covariance,
         lamp_variance=step.relative_variance(),
+        prior=step.problem.prior,
         choice=choice,
         status=status,
     )

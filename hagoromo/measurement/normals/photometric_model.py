@@ -19,6 +19,7 @@ from hagoromo.least_squares.loss import CAUCHY_SCALE
 from hagoromo.measurement.normals.own_gloss import OWN, OwnGloss, OwnGlossTest
 from hagoromo.measurement.normals.shading import TAIL, Gloss, shading
 from hagoromo.measurement.normals.views import Array, Views
+from hagoromo.measurement.photometric.reading import reading
 
 STATED_WEIGHT = 6.0  # a stated scale counts as much as this many numbers of the lamps
 
@@ -65,7 +66,7 @@ class Fit:
     the interface (`lobe_fit`); None: every material has one. own: gloss of each pixel (`solved_gloss`), of which that
     of the material is the mean; None: one gloss for all pixels of a material. own_tests: of each material, why; None
     where it was not tested. lamp_variance: (K, 6) of strength and slope less their means over the lamps, and of
-    shift; None where they were not fitted.
+    shift; None where they were not fitted. prior: of lamps and bodies, with the scales that were learnt.
     """
 
     normals: Array
@@ -87,6 +88,7 @@ class Fit:
     own: OwnGloss | None = None
     own_tests: tuple[OwnGlossTest | None, ...] = ()
     lamp_variance: Array | None = None
+    prior: Prior | None = None
 
     @property
     def rows(self) -> Array:
@@ -123,7 +125,7 @@ def predicted(fit: Fit, to_lamp: Array, to_eye: Array) -> Array:
     shade = shading(fit.normals, to_lamp, to_eye, fit.rows)
     further = further_lobes(fit, to_lamp, to_eye)
     interface = shade.interface if further is None else shade.interface + further
-    return fit.body[None] * shade.body[:, None] + fit.interface_colour * interface[:, None]
+    return reading(fit.body, shade.body[:, None], fit.interface_colour, interface[:, None])
 
 
 def further_lobes(fit: Fit, to_lamp: Array, to_eye: Array) -> Array | None:

@@ -21,6 +21,8 @@ from hagoromo.measurement.normals.photometric_model import Fit, Prior, precision
 from hagoromo.measurement.normals.shading import TAIL, Gloss, Shading, interface_by_tail, shading, turned
 from hagoromo.measurement.normals.views import Array, Views
 from hagoromo.measurement.parameters import contrasts
+from hagoromo.measurement.photometric.reading import reading
+from hagoromo.measurement.photometric.term_fit import Profile, dispersion
 from hagoromo.reflectance.parameters import ROWS
 
 LOG_GAMMA_RANGE = (np.log(0.02), ROWS["gamma"].fit.bounds[1])  # of ln γ, γ [rad]
@@ -55,12 +57,16 @@ class PixelStep:
         self.shade: Shading = shading(fit.normals, self.lamps.to_lamp, views.to_eye, gloss)
         self.even = (fit.evenness(problem.place) * np.exp(self.lamps.light))[:, None]  # (K, 1, P)
         self.colour = fit.interface_colour  # (C, P)
-        self.model = self.even * (fit.body * self.shade.body[:, None] + self.colour * self.shade.interface[:, None])
+        self.model = self.even * self._reading(self.shade.body, self.shade.interface)
         self.deviation = views.values - self.model
         inverse = precision(views, fit.model_error)
         squared = self.deviation**2 * inverse / CAUCHY_SCALE**2
         self.weight_of_rows = _rows(problem.share * inverse / (1.0 + squared))  # (P, K·C)
         self.cost = 0.5 * (problem.share * CAUCHY_SCALE**2 * float(np.log1p(squared).sum()) + self._prior_loss())
+
+    def _reading(self, lit: Array, interface: Array) -> Array:
+        """(K, C, P) the reading of parts (K, P), or of their slopes."""
+        return reading(self.fit.body, lit[:, None], self.colour, interface[:, None])
 
     @property
     def of_lamps(self) -> Array:
@@ -139,6 +145,38 @@ class PixelStep:
             variance[:, i] = np.diag(own) - 2.0 * own.mean(axis=1) + own.mean()
         return variance
 
+    def profile(self, changes: Array) -> tuple[Profile, Array]:
+        """The profile of terms that change the values by `changes` (T, K, C, P), with all that is fitted eliminated;
+        and the change (M, G, T) of the gloss by each.
+        """
+        local, gloss, lamps, depth = self._slopes()
+        weight = self.weight_of_rows[..., None]
+        terms = np.stack([_rows(change) for change in changes], axis=-1)  # (P, K·C, T)
+        weighed = np.swapaxes(local * weight, 1, 2)
+        inner = weighed @ local + 1e-9 * np.eye(local.shape[2])
+        left = terms - local @ np.linalg.solve(inner, weighed @ terms)
+        led, (outer, rhs) = left * weight, self._undamped
+        cross = self._products(led, gloss, lamps, depth)
+        by_shared = np.linalg.solve(outer, cross)
+        pull = _rows(self.deviation)[..., None] * led
+        bare, scatter = (np.einsum("prt,pru->tu", *pair) for pair in ((led, left), (pull, pull)))
+        information = np.einsum("prt,pru->tu", led, terms) - cross.T @ by_shared
+        of_gloss = np.asarray(-by_shared[: self.fit.gloss.rows.size], np.float64)
+        of_gloss = of_gloss.reshape(*self.fit.gloss.rows.shape, len(changes))
+        wider = dispersion(bare, scatter / self.problem.share)
+        step = np.linalg.pinv(information, hermitian=True) @ (pull.sum(axis=(0, 1)) - by_shared.T @ rhs)
+        return Profile(step, information / wider), of_gloss
+
+    def _products(self, led: Array, gloss: Array, lamps: Array, depth: Array) -> Array:
+        """(G M + OF_LAMP K + 1, T) products of the slopes by gloss, lamps and depth with columns `led` (P, K·C, T)."""
+        count, channels, pixels = self.model.shape
+        of_gloss = np.swapaxes(gloss, 1, 2) @ led  # (P, G, T)
+        materials = [of_gloss[self.fit.labels == m].sum(axis=0) for m in range(len(self.fit.gloss.rows))]
+        each = (pixels, count, channels, -1)
+        of_lamps = np.einsum("pkcl,pkct->klt", lamps.reshape(each), led.reshape(each))
+        of_depth = np.einsum("prd,prt->dt", depth, led)
+        return np.concatenate([*materials, of_lamps.reshape(-1, led.shape[2]), of_depth])
+
     @cached_property
     def _undamped(self) -> tuple[Array, Array]:
         """Normal equations of gloss, lamps and depth; damped by 1e-6, since some pixels are lit by too few lamps."""
@@ -161,10 +199,10 @@ class PixelStep:
 
     def _slopes(self) -> tuple[Array, Array, Array, Array]:
         """Slopes of the values (P, K·C, ·) by own turns and body colours, own material's gloss, own lamp, and depth."""
-        fit, shade, (lamps, channels, pixels) = self.fit, self.shade, self.model.shape
+        shade, (lamps, channels, pixels) = self.shade, self.model.shape
         local = np.zeros((pixels, lamps, channels, 2 + channels))
         for i, (body, interface) in enumerate(zip(shade.body_turned, shade.interface_turned, strict=True)):
-            slope = self.even * (fit.body * body[:, None] + self.colour * interface[:, None])
+            slope = self.even * self._reading(body, interface)
             local[..., i] = np.moveaxis(slope, 2, 0)
         for c in range(channels):
             local[:, :, c, 2 + c] = (self.even[:, 0] * shade.body).T
@@ -194,7 +232,7 @@ class PixelStep:
         level = (1.0 + fit.slope @ place.T)[:, None]
         parts = [self.model, self.model * place[:, 0] / level, self.model * place[:, 1] / level]
         led = [
-            self.even * (fit.body * body[:, None] + self.colour * interface[:, None])
+            self.even * self._reading(body, interface)
             for body, interface in zip(self.shade.body_led, self.shade.interface_led, strict=True)
         ]
         for j in range(4):

@@ -17,6 +17,7 @@ from hagoromo.least_squares.fit_status import Status
 from hagoromo.least_squares.loss import CAUCHY_SCALE
 from hagoromo.measurement.normals.shading import LEAST_COSINE, TAIL, N, body_of, colour_of, exponent_of
 from hagoromo.measurement.normals.views import Array, Views
+from hagoromo.measurement.photometric.reading import reading
 from hagoromo.reflectance.torrance_sparrow import torrance_sparrow
 
 PIXEL_FIT_STEPS = 15
@@ -53,6 +54,32 @@ class Equations(NamedTuple):
     rhs_a: Any
     rhs_b: Any
     rhs_body: list[Any]
+
+    def reduced(self, damping: Any) -> Turns:
+        """The equations of the two turns, damped, with the body colours eliminated."""
+        bodies, ridge = [dr.fma(h, damping, h) + 1e-12 for h in self.body], 1.0 + damping
+        aa, bb, ab = self.aa * ridge + SMALLEST_CURVATURE, self.bb * ridge + SMALLEST_CURVATURE, self.ab
+        rhs_a, rhs_b = self.rhs_a, self.rhs_b
+        for a, b, h, rhs in zip(self.a_body, self.b_body, bodies, self.rhs_body, strict=True):
+            aa, ab, bb = aa - a * a / h, ab - a * b / h, bb - b * b / h
+            rhs_a, rhs_b = rhs_a - a * rhs / h, rhs_b - b * rhs / h
+        return Turns(aa, ab, bb, rhs_a, rhs_b, bodies)
+
+
+class Turns(NamedTuple):
+    """Normal equations of the two turns of a normal, and the curvature by the body colours that were eliminated."""
+
+    aa: Any
+    ab: Any
+    bb: Any
+    rhs_a: Any
+    rhs_b: Any
+    bodies: list[Any]
+
+    @property
+    def determinant(self) -> Any:
+        """Of the curvature of the turns, above 0."""
+        return dr.fmax(self.aa * self.bb - self.ab * self.ab, 1e-12)
 
 
 class NormalFit(NamedTuple):
@@ -169,15 +196,8 @@ class PixelData:
 
     def moved(self, normal: Any, body: list[Any], equations: Equations, damping: Any) -> tuple[Any, list[Any]]:
         """The point after a damped Gauss–Newton step, with the body colours eliminated."""
-        own = [dr.fma(h, damping, h) + 1e-12 for h in equations.body]
-        ridge = 1.0 + damping
-        aa, bb, ab = equations.aa * ridge + SMALLEST_CURVATURE, equations.bb * ridge + SMALLEST_CURVATURE, equations.ab
-        rhs_a, rhs_b = equations.rhs_a, equations.rhs_b
-        for a, b, h, rhs in zip(equations.a_body, equations.b_body, own, equations.rhs_body, strict=True):
-            aa, ab, bb = aa - a * a / h, ab - a * b / h, bb - b * b / h
-            rhs_a, rhs_b = rhs_a - a * rhs / h, rhs_b - b * rhs / h
-        determinant = dr.fmax(aa * bb - ab * ab, 1e-12)
-        turn_a, turn_b = (bb * rhs_a - ab * rhs_b) / determinant, (aa * rhs_b - ab * rhs_a) / determinant
+        aa, ab, bb, rhs_a, rhs_b, own = turns = equations.reduced(damping)
+        turn_a, turn_b = (bb * rhs_a - ab * rhs_b) / turns.determinant, (aa * rhs_b - ab * rhs_a) / turns.determinant
         short = dr.fmin(1.0, LONGEST_TURN * dr.rsqrt(turn_a * turn_a + turn_b * turn_b + 1e-20))
         turn_a, turn_b = short * turn_a, short * turn_b
         colours = [
@@ -193,8 +213,7 @@ class PixelData:
 
     def value(self, body: list[Any], channel: int, weights: Sequence[Any]) -> Any:
         """The value of a channel for `weights` of body and interface; for their slopes, its slope."""
-        interface = weights[1] if self.colours is None else self.colours[channel] * weights[1]
-        return body[channel] * weights[0] + interface
+        return reading(body[channel], weights[0], self.colours and self.colours[channel], weights[1])
 
     def shade(self, normal: Any, to_lamp: Any, turns: tuple[Any, Any]) -> tuple[Any, list[Any]]:
         """(body, interface) weights, and their slopes by the two turns of the normal."""
@@ -231,20 +250,14 @@ def _chosen(better: Any, trial: Equations, current: Equations) -> list[Any]:
 
 def _variance(equations: Equations) -> Any:
     """Trace of the inverse curvature of the two turns, with the body colours free."""
-    aa, ab, bb = equations.aa + SMALLEST_CURVATURE, equations.ab, equations.bb + SMALLEST_CURVATURE
-    for a, b, own in zip(equations.a_body, equations.b_body, equations.body, strict=True):
-        h = own + 1e-12
-        aa, ab, bb = aa - a * a / h, ab - a * b / h, bb - b * b / h
-    return (aa + bb) / dr.fmax(aa * bb - ab * ab, 1e-12)
+    turns = equations.reduced(0.0)
+    return (turns.aa + turns.bb) / turns.determinant
 
 
 def _decrement(equations: Equations) -> Any:
     """Fall of the loss that an undamped Gauss–Newton step predicts: gᵀH⁻¹g over turns and body colours."""
-    aa, ab, bb = equations.aa + SMALLEST_CURVATURE, equations.ab, equations.bb + SMALLEST_CURVATURE
-    rhs_a, rhs_b, fall = equations.rhs_a, equations.rhs_b, dr.zeros(arrays().Float, dr.width(equations.loss))
-    for a, b, own, rhs in zip(equations.a_body, equations.b_body, equations.body, equations.rhs_body, strict=True):
-        h = own + 1e-12
-        aa, ab, bb = aa - a * a / h, ab - a * b / h, bb - b * b / h
-        rhs_a, rhs_b, fall = rhs_a - a * rhs / h, rhs_b - b * rhs / h, fall + rhs * rhs / h
-    turns = bb * rhs_a * rhs_a - 2.0 * ab * rhs_a * rhs_b + aa * rhs_b * rhs_b
-    return fall + turns / dr.fmax(aa * bb - ab * ab, 1e-12)
+    turns, fall = equations.reduced(0.0), dr.zeros(arrays().Float, dr.width(equations.loss))
+    for rhs, h in zip(equations.rhs_body, turns.bodies, strict=True):
+        fall = fall + rhs * rhs / h
+    a, b = turns.rhs_a, turns.rhs_b
+    return fall + (turns.bb * a * a - 2.0 * turns.ab * a * b + turns.aa * b * b) / turns.determinant

@@ -14,7 +14,7 @@ import numpy as np
 
 from hagoromo.backend import arrays
 from hagoromo.least_squares.loss import CAUCHY_SCALE
-from hagoromo.measurement.normals.pixel_fit import SMALLEST_CURVATURE, PixelConditions, PixelData, frame
+from hagoromo.measurement.normals.pixel_fit import PixelConditions, PixelData, frame
 from hagoromo.measurement.normals.views import UNLIT, Array, Views
 
 STRIDE = 1e-3  # of the distance to the eye: step of the finite differences
@@ -35,18 +35,15 @@ def depth_update(views: Views, light: PixelConditions, normals: Array, body: Arr
     equations = data.equations(normal, colour)
     sums = _sums(data, normal, colour, data.floats(towards), data.floats(brighter))
     own, a_depth, b_depth, rhs, *by_body = sums
-    aa, ab, bb = equations.aa + SMALLEST_CURVATURE, equations.ab, equations.bb + SMALLEST_CURVATURE
-    rhs_a, rhs_b = equations.rhs_a, equations.rhs_b
-    for c, h in enumerate(equations.body):
-        h = h + 1e-12
+    turns = equations.reduced(0.0)
+    for c, h in enumerate(turns.bodies):
         a, b, d, left = equations.a_body[c], equations.b_body[c], by_body[c], equations.rhs_body[c]
-        aa, ab, bb = aa - a * a / h, ab - a * b / h, bb - b * b / h
         a_depth, b_depth, own = a_depth - a * d / h, b_depth - b * d / h, own - d * d / h
-        rhs_a, rhs_b, rhs = rhs_a - a * left / h, rhs_b - b * left / h, rhs - d * left / h
-    determinant = dr.fmax(aa * bb - ab * ab, 1e-12)
-    turn_a, turn_b = (bb * a_depth - ab * b_depth) / determinant, (aa * b_depth - ab * a_depth) / determinant
+        rhs = rhs - d * left / h
+    turn_a = (turns.bb * a_depth - turns.ab * b_depth) / turns.determinant
+    turn_b = (turns.aa * b_depth - turns.ab * a_depth) / turns.determinant
     precision = dr.fmax(own - a_depth * turn_a - b_depth * turn_b, 0.0).numpy().astype(np.float64)
-    wanted = (rhs - rhs_a * turn_a - rhs_b * turn_b).numpy().astype(np.float64)
+    wanted = (rhs - turns.rhs_a * turn_a - turns.rhs_b * turn_b).numpy().astype(np.float64)
     known = precision > 0.0
     return DepthUpdate(np.where(known, wanted / np.where(known, precision, 1.0), 0.0), precision)
 
