@@ -18,6 +18,7 @@ from hagoromo.measurement.observations import observe
 from hagoromo.measurement.photometric import terms as registry
 from hagoromo.measurement.photometric.term import CaptureTerms, Change, Term
 from hagoromo.measurement.photometric.term_fit import Profile, fit_terms
+from hagoromo.measurement.photometric.terms_file import read_terms
 from hagoromo.measurement.robust_fit import minimise
 from tests.inverse.simulated_ball import Truth, simulate
 
@@ -144,6 +145,13 @@ def test_a_measurement_says_what_it_estimated(ball, monkeypatch, tmp_path, capsy
     assert main(["measure", str(tmp_path / "capture"), "--estimate", "dust", "--out", str(tmp_path / "other")]) == 2
     assert not (tmp_path / "other").exists()
     assert "'dust' cannot be estimated: give one of pedestal, fall" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("text", ["{", '{"terms": [1]}', '{"terms": {"fall": {"value": "much", "standard_error": 1}}}'])
+def test_a_damaged_record_is_refused_in_one_line(text, tmp_path):
+    (tmp_path / "terms.json").write_text(text)
+    with pytest.raises(InputError, match=r"terms\.json"):
+        read_terms(tmp_path)
 
 
 def test_photographs_that_are_solved_in_tiles_have_no_terms(ball, monkeypatch, tmp_path):
