@@ -43,8 +43,11 @@ def exact_derivatives():
 
 
 def pytest_collection_modifyitems(items):
-    """A test in a browser, or with real data, is one for the night."""
+    """A test in a browser, or with real data, is one for the night, and so are the cases that `by_night` names."""
     for item in items:
+        cases = [case for mark in item.iter_markers("by_night") for case in mark.args]
+        if cases and item.callspec.id in cases:
+            item.add_marker(pytest.mark.nightly)
         reasons = [str(mark.kwargs.get("reason", "")) for mark in item.iter_markers("skipif")]
         if "browser" in item.fixturenames or any(reason.startswith(NEEDS_DATA) for reason in reasons):
             item.add_marker(pytest.mark.nightly)

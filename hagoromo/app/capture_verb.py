@@ -16,8 +16,6 @@ from hagoromo.app.sensor_options import AS_STATED, Sensor, SensorOptions
 from hagoromo.app.verb import Force, Out, say, verb, verbs, wrote
 from hagoromo.errors import InputError
 from hagoromo.files.whole import replaceable_folder
-from hagoromo.photograph.capture_folder import write_capture
-from hagoromo.photograph.session import session
 
 if TYPE_CHECKING:
     import numpy as np
@@ -73,6 +71,9 @@ def capture(
         dark_exposures: exposure times of the dark frames [s], if their files do not state them.
         flat: frames of an evenly lit white field, by which photographs are divided.
     """
+    from hagoromo.photograph.capture_folder import write_capture
+    from hagoromo.photograph.session import session
+
     replaceable_folder(out, force)
     stated = asdict(sensor)
     developing = hg.Developing(

@@ -150,6 +150,7 @@ def test_the_sdist_builds_the_same_wheel(dist, tmp_path):
     assert files_of(built(source, tmp_path)[0]) == files_of(dist[0])
 
 
+@pytest.mark.nightly
 def test_the_wheel_runs_where_it_is_installed(dist, tmp_path):
     """An environment of its own, as pipx makes one; the libraries are those at hand, seen through a path file."""
     venv.create(tmp_path / "env", with_pip=False)

@@ -130,7 +130,12 @@ def bar(s3, tmp_path_factory):
 
 
 @pytest.mark.parametrize(
-    ("lamp", "shadows"), [*((lamp, kind) for lamp in LAMPS for kind in ("map", "march")), (list(LAMPS)[-1], "none")]
+    ("lamp", "shadows"),
+    [
+        *((lamp, "map") for lamp in LAMPS),
+        *(pytest.param(lamp, "march", marks=pytest.mark.nightly) for lamp in LAMPS),
+        (list(LAMPS)[-1], "none"),
+    ],
 )
 def test_only_the_bricks_that_a_picture_takes_are_fetched(bar, tmp_path, lamp, shadows):
     """The camera sees a ninth of a bar. Light along the bar passes all of it, and so nearly all is fetched."""

@@ -128,6 +128,7 @@ def session(tmp_path_factory):
     return folder
 
 
+@pytest.mark.nightly
 def test_the_chart_is_found_alike_with_any_number_of_threads(session):
     """With two threads it was found in two of three tries only. Corners: within 10 px, a sixth of a patch."""
     import cv2

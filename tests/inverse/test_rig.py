@@ -181,6 +181,7 @@ def test_photographs_show_how_far_lamps_depart():
     assert found.falloff == pytest.approx(np.sqrt(np.mean((light - middle[:, None]) ** 2)), rel=0.25)
 
 
+@pytest.mark.nightly
 @pytest.mark.filterwarnings("ignore:exponent .* the lamps are off")  # they are: that is what the rig is for
 def test_a_lamp_kept_aside_is_predicted_with_its_strength(tmp_path, of_card, capsys):
     """By the commands: the error of all predictions falls to less than half of Lambert's, as in the issue; of Lambert

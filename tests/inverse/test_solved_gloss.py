@@ -65,6 +65,7 @@ def off_of(views, fit):
     return fit.own.value[:, :2] - true, error[:, :2], true
 
 
+@pytest.mark.by_night("1.5")
 def test_gloss_that_varies_is_mapped_within_its_errors(mapped):
     """Rms over all pixels, also those whose highlight no lamp shows, 15 % below that of the material's single value at
     least; where the stated error is half of it, as small as stated; 90–99.5 % of the pixels within 1.96 errors.
@@ -151,6 +152,7 @@ def test_smooth_tails_are_mapped_and_tails_beside_a_gloss_that_varies():
     tails_are_mapped(with_solved_gloss(views, fit), views, HALVES, 0.75)
 
 
+@pytest.mark.by_night("1.0")
 @pytest.mark.parametrize("amount", [0.0, 1.0])
 def test_tails_that_are_alike_stay_one(amount):
     _, views, fit = solved(amount, 5, 1.5)

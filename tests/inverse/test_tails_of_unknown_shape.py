@@ -53,6 +53,7 @@ def test_gaussian_facets_and_a_neutral_interface_stay_so():
         assert alarms_are_rare(p_values, 0.01)
 
 
+@pytest.mark.nightly
 def test_the_right_lobe_gives_better_normals():
     capture = photographed(5, nu=0.6, gamma=0.1)
     gaussian = solve_normals(capture, ONE, model=GlossModel("gaussian", "neutral"))

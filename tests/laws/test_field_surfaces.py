@@ -70,6 +70,7 @@ def test_a_closed_lambert_sphere_is_lit_as_by_its_closed_form(orders):
     assert np.abs(higher_orders(image) - truth).max() <= 6e-3 * truth
 
 
+@pytest.mark.by_night("sphere-0.0")
 @pytest.mark.parametrize(("element", "beta"), [("sphere", 0.0), ("cylinder", 0.5)])
 def test_a_floor_beside_a_white_box_is_lit_as_by_random_walks(element, beta):
     """In blocks of 4² pixels: 3 % and four deviations of the noise, where a block is full; 1 % of all light.

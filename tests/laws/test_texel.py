@@ -130,6 +130,7 @@ def depth(box, origin, direction):
     return float(optical_depth(Medium([box]), *ray, deepest=math.inf)[0])
 
 
+@pytest.mark.by_night("march-projected-9", "none-isotropic-36")
 @pytest.mark.parametrize(
     ("shadows", "extinction", "samples"),
     [("none", "isotropic", 36), ("march", "isotropic", 36), ("march", "projected", 9), ("map", "projected", 9)],

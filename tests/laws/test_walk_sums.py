@@ -89,6 +89,7 @@ def picture(scene, draw, seed, error):
     return off, seen.mean() / true.mean(), sums.walks.reshape(SIDE, SIDE)
 
 
+@pytest.mark.by_night("ramp-fireflies-0.3", "ramp-wide-0.1")
 @pytest.mark.parametrize(
     ("scene", "draw", "error"),
     [(ramp, even, 0.1), (ramp, wide, 0.1), (ramp, fireflies, 0.3), (granules, even, 0.25), (dots, even, 0.4)],
