@@ -23,7 +23,7 @@ from hagoromo.image.scene_palette import grouped_lights, palette_of_scene
 from hagoromo.image.settings import Settings
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
-from hagoromo.light.wide_light import LightMet
+from hagoromo.light.wide_light import LightHit
 from hagoromo.transport.film import Film
 from hagoromo.transport.march import optical_depth
 from hagoromo.transport.path.lights import front_of
@@ -98,13 +98,13 @@ class SeenLights:
             front = dr.select(hit.distance < end, front_of(hit), jit.UInt(0))
             ray_end = _RayEnd(dr.minimum(end, hit.distance), hit.flat, front)
         light = [dr.zeros(jit.Float, dr.width(direction)) for _ in range(self.groups)]
-        met = [(*pair, pair[0].met(origin, direction, ray_end)) for pair in self.lights]
-        for source, groups, one in met:
+        hits = [(*pair, pair[0].hit(origin, direction, ray_end)) for pair in self.lights]
+        for source, groups, one in hits:
             if one is not None and one.distance is None:
                 _add(light, groups, source.radiance, one)
         passed = self._passed(origin, direction, ray_end.distance)
         light = [each * passed for each in light]
-        for source, groups, one in met:
+        for source, groups, one in hits:
             if one is not None and one.distance is not None:
                 passed = self._passed(origin, direction, dr.select(one.there, one.distance, 0.0))
                 _add(light, groups, source.radiance * passed, one)
@@ -117,7 +117,7 @@ class SeenLights:
         return dr.exp(-optical_depth(self.prepared.medium, origin, direction, arrays().Float(0), distance))
 
 
-def _add(light: list[Float], groups: Sequence[int], radiance: Float, met: LightMet) -> None:
-    """Add what is met of a light to the radiance of its groups; radiance: of a tint of 1, as it arrives."""
-    for group, tint in zip(groups, met.tints, strict=True):
-        light[group] = light[group] + dr.select(met.there, radiance * tint, 0.0)
+def _add(light: list[Float], groups: Sequence[int], radiance: Float, hit: LightHit) -> None:
+    """Add what is hit of a light to the radiance of its groups; radiance: of a tint of 1, as it arrives."""
+    for group, tint in zip(groups, hit.tints, strict=True):
+        light[group] = light[group] + dr.select(hit.there, radiance * tint, 0.0)

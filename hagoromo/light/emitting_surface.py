@@ -24,7 +24,7 @@ from hagoromo.light.light_points import (
     probes_between,
 )
 from hagoromo.light.surface_emission import SurfaceEmission
-from hagoromo.light.wide_light import LightDrawn, LightMet, RayEnd
+from hagoromo.light.wide_light import LightDrawn, LightHit, RayEnd
 
 R2 = (0.7548776662466927, 0.5698402909980532)  # steps that fill a square evenly (Roberts 2018)
 TURN = 0.25  # width of a patch, in sizes of its surface, that counts as much as a turn of its normal by 1 rad
@@ -103,9 +103,9 @@ class MeshLight:
         jit = arrays()
         self.front, self.radiance = dr.opaque(jit.UInt, surface + 1), dr.opaque(jit.Float, emission.radiance)
 
-    def met(self, origin: Array3f, direction: Array3f, end: RayEnd) -> LightMet:
+    def hit(self, origin: Array3f, direction: Array3f, end: RayEnd) -> LightHit:
         """What rays meet that end at its front, of a light whose directions are not drawn."""
-        return LightMet(end.front == self.front, arrays().Float(0))
+        return LightHit(end.front == self.front, arrays().Float(0))
 
 
 class DrawnMeshLight(MeshLight):
@@ -145,9 +145,9 @@ class DrawnMeshLight(MeshLight):
         way = away / dr.fmax(distance, 1e-30)
         return LightDrawn(way, distance, self.density(distance, -dr.dot(way, normal)))
 
-    def met(self, origin: Array3f, direction: Array3f, end: RayEnd) -> LightMet:
+    def hit(self, origin: Array3f, direction: Array3f, end: RayEnd) -> LightHit:
         """What rays meet that end at its front."""
-        return LightMet(end.front == self.front, self.density(end.distance, -dr.dot(direction, end.face)))
+        return LightHit(end.front == self.front, self.density(end.distance, -dr.dot(direction, end.face)))
 
     def density(self, distance: Float, cosine: Float) -> Float:
         """Of directions to a place on it, at a distance, that is seen at a cosine from its normal [1/sr]."""

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from hagoromo.backend import Array3f, Float, UInt, arrays, check_entries, lookup, opaque_vector
 from hagoromo.light.cumulative_shares import interval_of, shares_before
-from hagoromo.light.wide_light import LightDrawn, LightMet, RayEnd
+from hagoromo.light.wide_light import LightDrawn, LightHit, RayEnd
 
 Array = NDArray[np.floating]
 
@@ -55,10 +55,10 @@ class EnvironmentLight:
         distance = dr.full(arrays().Float, dr.inf, dr.width(u))
         return LightDrawn(way, distance, self.density_of(pixel), self.radiance_of(pixel))
 
-    def met(self, origin: Array3f, direction: Array3f, end: RayEnd) -> LightMet:
+    def hit(self, origin: Array3f, direction: Array3f, end: RayEnd) -> LightHit:
         """What rays that end nowhere meet."""
         pixel = self.pixel(direction)
-        return LightMet(dr.isinf(end.distance), self.density_of(pixel), tints=self.radiance_of(pixel))
+        return LightHit(dr.isinf(end.distance), self.density_of(pixel), tints=self.radiance_of(pixel))
 
     def direction(self, u: Float, v: Float, across: Float, down: Float) -> tuple[Array3f, UInt]:
         """A unit direction by four uniform numbers, and the number of its pixel."""

@@ -44,5 +44,5 @@ class LampLight:
         to_lamp, distance, _ = self.arriving(point)
         return LightDrawn(to_lamp, arrays().Float(distance), None)
 
-    def met(self, origin: Array3f, direction: Array3f, end: RayEnd) -> None:
+    def hit(self, origin: Array3f, direction: Array3f, end: RayEnd) -> None:
         """None: it has no size."""

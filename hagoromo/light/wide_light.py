@@ -33,7 +33,7 @@ class LightDrawn(NamedTuple):
     tints: Sequence[Float] = ONE_PART
 
 
-class LightMet(NamedTuple):
+class LightHit(NamedTuple):
     """What a ray meets of a light: whether it is there, the density that `drawn` has of this direction [1/sr], and the
     tints, as of `LightDrawn`. distance: to it [m]; None: it is where the ray ends.
     """
@@ -71,7 +71,7 @@ class SeenOnDevice(Protocol):
     radiance: Float
     visible: bool
 
-    def met(self, origin: Array3f, direction: Array3f, end: RayEnd) -> LightMet | None:
+    def hit(self, origin: Array3f, direction: Array3f, end: RayEnd) -> LightHit | None:
         """What rays from `origin` in a unit direction meet of it up to their end; None: rays never meet it."""
         ...
 

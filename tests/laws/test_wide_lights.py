@@ -1,4 +1,4 @@
-"""Laws that every light with a size has: what is drawn, met and stood for by lamps is one light.
+"""Laws that every light with a size has: what is drawn, hit and stood for by lamps is one light.
 
 A new kind joins `LIGHTS`; nothing else here knows kinds.
 """
@@ -42,7 +42,7 @@ class End(NamedTuple):
 
 
 def drawn_and_met(light):
-    """Directions (n, 3), density (n,), radiance (n, parts) as they are drawn; whether they are met, density and
+    """Directions (n, 3), density (n,), radiance (n, parts) as they are drawn; whether they are hit, density and
     radiance as rays meet it that end behind all lights, or at the surface that shines.
     """
     jit, source = arrays(), light.on_device()
@@ -51,12 +51,12 @@ def drawn_and_met(light):
     drawn = source.drawn(point, *numbers)
     distance, front = (jit.Float(math.inf), 0) if light.surface is None else (drawn.distance, light.surface + 1)
     end = End(distance, jit.Array3f(0, 0, -1.0), jit.UInt(front))
-    met = source.met(point, drawn.to_lamp, end)
-    sides = [(drawn.density, drawn.tints), (met.density, met.tints)]
+    hit = source.hit(point, drawn.to_lamp, end)
+    sides = [(drawn.density, drawn.tints), (hit.density, hit.tints)]
     each = [
         (np.broadcast_to(np.array(density), DRAWS).astype(float), radiances(source, tints)) for density, tints in sides
     ]
-    return np.array(drawn.to_lamp, np.float64).T, each[0], np.broadcast_to(np.array(met.there), DRAWS), each[1]
+    return np.array(drawn.to_lamp, np.float64).T, each[0], np.broadcast_to(np.array(hit.there), DRAWS), each[1]
 
 
 def radiances(source, tints):
@@ -167,7 +167,7 @@ def test_the_page_names_files_and_members_that_there_are():
     assert len(paths) > 5 and {path for path in paths if not (home / path).exists()} == set()
     asked = part.split("| asked for |")[1].split("\n\n")[0].splitlines()[2:]
     members = {word for row in asked for word in re.findall(r"`(\w+)(?:\(\))?`", row.split("|")[3])}
-    of_device = {"share", "drawn", "met"}
+    of_device = {"share", "drawn", "hit"}
     assert of_device < members
     for light in LIGHTS.values():
         assert {name for name in members - of_device if not hasattr(light, name)} == set()

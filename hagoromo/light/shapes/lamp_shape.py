@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from hagoromo.backend import Array3f, Bool, Float
 from hagoromo.files.record import Record
-from hagoromo.light.wide_light import LightDrawn, LightMet, RayEnd
+from hagoromo.light.wide_light import LightDrawn, LightHit, RayEnd
 
 Array = NDArray[np.float64]
 
@@ -44,10 +44,10 @@ class AreaLight:
         """What is seen of it from a point in a unit direction; the density is that of `drawn`."""
         raise NotImplementedError
 
-    def met(self, origin: Array3f, direction: Array3f, end: RayEnd) -> LightMet:
+    def hit(self, origin: Array3f, direction: Array3f, end: RayEnd) -> LightHit:
         """What rays meet of it before their end: it stands in front of what they hit, and hides nothing."""
         seen = self.seen(origin, direction)
-        return LightMet(seen.there & (seen.distance < end.distance), seen.density, seen.distance)
+        return LightHit(seen.there & (seen.distance < end.distance), seen.density, seen.distance)
 
 
 class PointsOfShape(NamedTuple):

@@ -22,7 +22,7 @@ from hagoromo.photograph.photograph import Photograph
 
 Array = NDArray[np.float64]
 
-UNDETERMINED = 0.9  # share of the standard error before the photographs that is left, from which they tell nothing
+UNDETERMINED = 0.9  # share of the standard error before the photographs that is left, from which they say nothing
 SURPRISING = 2.5  # of its spreads from what was expected, beyond which an unknown is doubted (p = 0.01)
 MOST_DARKENED = 0.1  # smallest factor of readings, whatever the unknowns are
 
@@ -62,7 +62,7 @@ class TermEstimate(ForeignRecord, frozen=True, kw_only=True):
     value: Annotated[float, about("the unknown, as it was taken out of the photographs")]
     standard_error: Annotated[float, about("its standard error")]
     unit: Annotated[str, about("what one of it is")] = ""
-    determined: Annotated[bool, about("whether the photographs tell more than was known before")] = True
+    determined: Annotated[bool, about("whether the photographs say more than was known before")] = True
     sentence: Annotated[str, about("the same in words")] = ""
 
 

@@ -92,12 +92,12 @@ class Lights:
         shares = [light.share(origin) for light, _ in self.lights]
         total, radiances = sum(shares, arrays().Float(0)), [arrays().Float(0)] * groups
         for (light, own), share in zip(self.lights, shares, strict=True):
-            met = light.met(origin, direction, event)
-            if met is None:
+            hit = light.hit(origin, direction, event)
+            if hit is None:
                 continue
-            counts = _balance(spread, met.density * share / total, first, light.visible)
-            for group, tint in zip(own, met.tints, strict=True):
-                radiances[group] = radiances[group] + dr.select(met.there, light.radiance * counts * tint, 0.0)
+            counts = _balance(spread, hit.density * share / total, first, light.visible)
+            for group, tint in zip(own, hit.tints, strict=True):
+                radiances[group] = radiances[group] + dr.select(hit.there, light.radiance * counts * tint, 0.0)
         return radiances
 
 
