@@ -11,6 +11,7 @@ import io
 import logging
 import math
 import queue
+import warnings
 from collections.abc import Callable
 from contextlib import redirect_stdout
 from typing import Any
@@ -31,6 +32,7 @@ from hagoromo_page.viewer.wire import PRESENT
 
 LOG = logging.getLogger(f"hagoromo.{__name__}")
 WAIT_S = 0.5  # for something to do; Ctrl-C is heard within
+LEFT = "Queued a .* on a closed connection"  # how viser warns of what is sent to a viewer that has left
 JPEG_QUALITY = 90  # of pictures that a better one follows; the last is lossless
 NOTICE_S = 8.0  # for which a notice stays
 SURROUND = 24  # display value beside a picture of another shape than the window
@@ -63,9 +65,14 @@ class Browser:
             busy = self.step(0.0 if busy else WAIT_S)
 
     def step(self, seconds: float = 0.0) -> bool:
-        """Do what viewers asked for, waiting up to `seconds` for it, and send each a picture; whether any was due."""
-        self._heed(seconds)
-        return self._show()
+        """Do what viewers asked for, waiting up to `seconds` for it, and send each a picture; whether any was due.
+
+        A viewer may leave while something is sent to it, which is no fault: viser's warning of that is not passed on.
+        """
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", LEFT, UserWarning)
+            self._heed(seconds)
+            return self._show()
 
     def stop(self) -> None:
         """End the server and let go of the viewers."""

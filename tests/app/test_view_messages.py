@@ -203,6 +203,21 @@ def test_a_fault_in_what_one_viewer_asked_for_does_not_end_the_others(tmp_path):
     assert {"ZeroDivisionError", "KeyError"} <= {str(one.args).split("'")[1] for one in faults}
 
 
+def test_a_viewer_that_leaves_before_its_picture_is_no_fault(tmp_path, monkeypatch):
+    """Viser warns of what is sent to a connection that is closed, and tests make errors of warnings."""
+    with served(tmp_path) as (browser, visitor), viewer.lines() as said:
+        visitor.close()
+        end = time.monotonic() + viewer.PATIENCE_S
+        while not browser.events.qsize():  # nobody hears yet that the viewer left
+            assert time.monotonic() < end, "it never left"
+            time.sleep(0.01)
+        ((_, watcher),) = browser.watchers.values()
+        watcher.fit(70, 50)
+        monkeypatch.setattr(browser, "_heed", lambda seconds: None)
+        assert browser.step(), "no picture was due"
+    assert not said
+
+
 def test_a_picture_that_is_queued_leaves_what_waits_in_the_loop_alone(tmp_path):
     """Viser wakes its senders from any thread, which fails now and then where the loop changes them at that time."""
     with served(tmp_path) as (browser, _):
