@@ -166,4 +166,5 @@ def _arrow(x: float, y: float, to: float) -> str:
 
 
 def _text(x: float, y: float, text: str, style: str = "") -> str:
-    return f'<text x="{x:.0f}" y="{y}" class="{style or "note"}" fill="{INK}">{escape(text)}</text>'
+    plain = escape(text.replace("`", ""))  # Markdown would make HTML of code, which ends the drawing
+    return f'<text x="{x:.0f}" y="{y}" class="{style or "note"}" fill="{INK}">{plain}</text>'

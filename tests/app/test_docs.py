@@ -20,6 +20,7 @@ CITED = re.compile(r"MODEL §(\d+(?:\.\d+)?)")
 SECTION = re.compile(r"^#+ §(\d+(?:\.\d+)?) .*\{ #s([\d-]+) \}$", re.MULTILINE)
 SOURCE = re.compile(r"([A-ZÁ-Ž][\w’'-]+)(?: (?:and|&) ([A-Z][\w-]+)| et al\.?)?,? \(?((?:19|20)\d\d)\b")  # author, year
 NO_SOURCES = {"CIE", "Schema", "Integument"}  # a standard, a dialect, a title's end
+DRAWN = {"svg", "title", "defs", "marker", "path", "rect", "text", "g"}
 NAMES = [name for name in vars(hagoromo)["__all__"] if not name.startswith("__")]
 
 
@@ -55,6 +56,15 @@ def test_the_site_loads_nothing_from_elsewhere(site):
     pages = list(site.rglob("*.html"))
     assert len(pages) > 40
     assert [page.name for page in pages if loads.search(page.read_text(encoding="utf-8"))] == []
+
+
+@pytest.mark.nightly
+def test_drawings_hold_nothing_but_drawing(site):
+    """HTML within a drawing ends it: what follows would be text below it."""
+    page = (site / "architecture.html").read_text(encoding="utf-8")
+    drawings = re.findall(r'<svg class="drawing".*?</svg>', page, re.DOTALL)
+    assert len(drawings) == 2 and "hagoromo_page/" in drawings[1]
+    assert {tag for drawing in drawings for tag in re.findall(r"<([a-z]+)", drawing)} <= DRAWN
 
 
 @pytest.mark.nightly
