@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import tempfile
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from hagoromo.errors import InputError
 from hagoromo.files.apart import Arrays, read_apart
 from hagoromo.files.checks import sized_file
 from hagoromo.files.memory import require
-from hagoromo.files.names import reason
+from hagoromo.files.reading import reading
 from hagoromo.measurement.reflectance_table import ReflectanceTable
 from hagoromo_formats.reflectances.merl import FARTHEST, sampled_directions
 
@@ -51,14 +51,16 @@ def values_by_mitsuba(path: Path) -> Arrays:
     """to_lamp, to_eye (N, 3), values (N, C) [1/sr], wavelengths (C,) [nm], none of RGB; run by `read_apart`."""
     import mitsuba as mi
 
-    before = mi.variant()
+    before, tensor_io = mi.variant(), cast(Any, mi.tensor_io)
     mi.set_variant("llvm_ad_spectral")
     try:
-        tensors, asked, wavelengths = _chosen(path, _tensors(path))
-        lamp, eye = _pairs(tensors)
-        with tempfile.TemporaryDirectory() as folder:
-            tensor_io: Any = mi.tensor_io
-            tensor_io.write(f"{folder}/chosen.bsdf", **tensors)
+        with reading(path, "a table of RGL"):
+            tensors = tensor_io.read(str(path))
+        kept, wavelengths = _chosen(path, tensors)
+        lamp, eye = _pairs(path, kept)
+        asked = np.asarray(kept["wavelengths"], np.float64)
+        with tempfile.TemporaryDirectory() as folder, reading(path, "a table of RGL"):
+            tensor_io.write(f"{folder}/chosen.bsdf", **kept)
             bsdf = mi.load_dict({"type": "measured", "filename": f"{folder}/chosen.bsdf"})
             parts = [
                 _values(bsdf, lamp[first : first + TOGETHER], eye[first : first + TOGETHER], asked)
@@ -71,45 +73,42 @@ def values_by_mitsuba(path: Path) -> Arrays:
     return {"to_lamp": lamp, "to_eye": eye, "values": np.concatenate(parts), "wavelengths": wavelengths}
 
 
-def _tensors(path: Path) -> dict[str, NDArray[Any]]:
-    """The arrays of the file by name."""
-    import mitsuba as mi
+def _chosen(path: Path, tensors: dict[str, NDArray[Any]]) -> tuple[dict[str, NDArray[Any]], Array]:
+    """The arrays for Mitsuba with the wavelengths that are read, and what these are: none of RGB.
 
-    tensor_io: Any = mi.tensor_io
-    try:
-        tensors = tensor_io.read(str(path))
-    except Exception as error:  # of its own making, or of what it meets in a damaged file
-        raise InputError(f"{path} is no table of RGL, or damaged: {reason(error)}") from error
+    Mitsuba takes spectra alone: red, green and blue stand at wavelengths. `InputError` for a file that lacks an array,
+    whose grids do not rise, or that has no spectra in the visible.
+    """
     missing = [name for name in NEEDED if name not in tensors]
     if missing or not ("rgb" in tensors or {"spectra", "wavelengths"} <= tensors.keys()):
         lacks = ", ".join(missing) or "spectra and rgb"
         raise InputError(f"{path} is no table of RGL: it lacks {lacks}: give a _spec.bsdf or an _rgb.bsdf")
-    return tensors
-
-
-def _chosen(path: Path, tensors: dict[str, NDArray[Any]]) -> tuple[dict[str, NDArray[Any]], Array, Array]:
-    """The arrays for Mitsuba with the wavelengths that are read, where it is asked, and what these stand for.
-
-    It takes spectra alone: red, green and blue stand at wavelengths, and stand for none.
-    """
     kept = {name: tensors[name] for name in NEEDED}
     if "wavelengths" not in tensors:
-        asked = np.array([400.0, 500.0, 600.0])
-        return kept | {"spectra": tensors["rgb"], "wavelengths": asked.astype(np.float32)}, asked, np.zeros(0)
-    stored = np.asarray(tensors["wavelengths"], np.float64).ravel()
-    wanted = WAVELENGTHS[(stored.min(initial=np.inf) <= WAVELENGTHS) & (stored.max(initial=0.0) >= WAVELENGTHS)]
-    if not wanted.size or tensors["spectra"].ndim != 5 or tensors["spectra"].shape[2] != stored.size:
-        raise InputError(f"{path} has no spectra from 400 to 700 nm: no material is fitted to it")
-    nearest = np.unique(np.abs(stored[:, None] - wanted).argmin(axis=0))
-    spectra = {"spectra": tensors["spectra"][:, :, nearest], "wavelengths": stored[nearest].astype(np.float32)}
-    return kept | spectra, stored[nearest], stored[nearest]
+        kept |= {"spectra": tensors["rgb"], "wavelengths": np.array([400.0, 500.0, 600.0], np.float32)}
+        wavelengths = np.zeros(0)
+    else:
+        stored = np.asarray(tensors["wavelengths"], np.float64).ravel()
+        wanted = WAVELENGTHS[(stored.min(initial=np.inf) <= WAVELENGTHS) & (stored.max(initial=0.0) >= WAVELENGTHS)]
+        if not wanted.size or tensors["spectra"].ndim != 5 or tensors["spectra"].shape[2] != stored.size:
+            raise InputError(f"{path} has no spectra from 400 to 700 nm: no material is fitted to it")
+        nearest = np.unique(np.abs(stored[:, None] - wanted).argmin(axis=0))
+        kept |= {"spectra": tensors["spectra"][:, :, nearest], "wavelengths": stored[nearest].astype(np.float32)}
+        wavelengths = stored[nearest]
+    for name in ("phi_i", "theta_i", "wavelengths"):
+        grid = kept[name]
+        if grid.ndim != 1 or not grid.size or not (np.isfinite(grid).all() and (np.diff(grid) > 0.0).all()):
+            raise InputError(f"{path} is damaged: {name} must be a list of numbers that rise")
+    return kept, wavelengths
 
 
-def _pairs(tensors: dict[str, NDArray[Any]]) -> tuple[Array, Array]:
+def _pairs(path: Path, tensors: dict[str, NDArray[Any]]) -> tuple[Array, Array]:
     """Directions to lamp and eye (N, 3) within what was measured."""
     lamp, eye = sampled_directions()
     farthest = max(FARTHEST, float(np.cos(tensors["theta_i"].max(initial=0.0))))
     known = (lamp[:, 2] >= farthest) & (eye[:, 2] > FARTHEST)
+    if not known.any():
+        raise InputError(f"{path} is damaged: its largest theta_i is {tensors['theta_i'].max():.3g} rad")
     lamp, eye = lamp[known], eye[known]
     if tensors["phi_i"].size <= 2:
         return lamp, eye

@@ -92,9 +92,12 @@ def test_a_table_of_merl_gives_its_material(tmp_path, capsys):
         read_merl(tmp_path / "cut.binary")
 
 
-def rgl_file(path, spectra: str) -> None:
-    """A table of RGL of `brdf`: its facets are taken as even, so that its grid is that of half angles alone."""
-    angles, side = np.linspace(0.0, np.radians(85.0), 96), 96
+def rgl_file(path, spectra: str, side: int = 96, changed: dict[str, np.ndarray] | None = None) -> None:
+    """A table of RGL of `brdf`: its facets are taken as even, so that its grid is that of half angles alone.
+
+    changed: arrays in place of its own.
+    """
+    angles = np.linspace(0.0, np.radians(85.0), side)
     polar, turn = np.linspace(0.0, 1.0, side) ** 2 * np.pi / 2, np.linspace(-np.pi, np.pi, side)
     lamp = np.stack([np.sin(angles), 0.0 * angles, np.cos(angles)], 1)[:, None, None]
     half = np.stack(
@@ -119,6 +122,7 @@ def rgl_file(path, spectra: str) -> None:
     }  # fmt: skip
     if spectra == "spectra":
         fields["wavelengths"] = np.array([420.0, 560.0, 700.0], np.float32)
+    fields |= changed or {}
     place = 18 + sum(13 + len(name) + 8 * array.ndim for name, array in fields.items())
     head, body = b"tensor_file\0\1\0" + len(fields).to_bytes(4, "little"), b""
     for name, array in fields.items():
@@ -143,8 +147,26 @@ def test_a_table_of_rgl_gives_its_material(tmp_path, spectra):
     for name, true in TRUE.items():
         assert getattr(material, name) == pytest.approx(true, rel=0.01), name
     path.write_bytes(path.read_bytes()[:-400_000])
-    with pytest.raises(hg.InputError, match="no table of RGL, or damaged"):
+    with pytest.raises(hg.InputError, match="cannot be read as a table of RGL, it may be cut off or damaged"):
         format_of(path).read(path)
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"theta_i": np.linspace(1.5, 0.0, 8, dtype=np.float32)}, "theta_i must be a list of numbers that rise"),
+        ({"phi_i": np.zeros(0, np.float32)}, "phi_i must be a list of numbers that rise"),
+        ({"theta_i": np.linspace(0.0, 1e-4, 8, dtype=np.float32)}, "its largest theta_i is 0.0001 rad"),
+        ({"vndf": np.ones((1, 5, 8, 8), np.float32)}, "cannot be read as a table of RGL"),
+        ({"jacobian": np.zeros(0, np.uint8)}, "cannot be read as a table of RGL"),
+        ({"spectra": np.zeros((1, 8, 3, 8, 8), np.float32)}, "no value above 0"),
+    ],
+)
+def test_a_damaged_table_of_rgl_ends_in_one_line(tmp_path, capsys, changed, said):
+    rgl_file(tmp_path / "a.bsdf", "spectra", 8, changed)
+    assert main(["fit", str(tmp_path / "a.bsdf"), "--out", str(tmp_path / "a.json")]) == 2
+    error = capsys.readouterr().err
+    assert said in error and error.count("\n") == 1 and not (tmp_path / "a.json").exists()
 
 
 @pytest.mark.parametrize(
