@@ -6,14 +6,14 @@ know this protocol alone.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.backend import Array3f, Bool, Float
 from hagoromo.files.record import Record
-from hagoromo.light.wide_light import LightDrawn, LightHit, RayEnd
+from hagoromo.light.wide_light import LightHit, LightOnDevice, RayEnd
 
 Array = NDArray[np.float64]
 
@@ -26,23 +26,12 @@ class LightSeen(NamedTuple):
     density: Float
 
 
-class AreaLight:
-    """An area lamp on the device; its radiance, and whether the camera sees it. See `LightOnDevice`."""
-
-    radiance: Float
-    visible: bool
-
-    def share(self, point: Array3f) -> Float:
-        """About the irradiance that it gives on what faces it, without shadows; above 0 wherever it is seen."""
-        raise NotImplementedError
-
-    def drawn(self, point: Array3f, u: Float, v: Float, *further: Float) -> LightDrawn:
-        """A direction by two numbers, independent and uniform in [0, 1)."""
-        raise NotImplementedError
+class AreaLight(LightOnDevice, Protocol):
+    """An area lamp on the device."""
 
     def seen(self, point: Array3f, direction: Array3f) -> LightSeen:
         """What is seen of it from a point in a unit direction; the density is that of `drawn`."""
-        raise NotImplementedError
+        ...
 
     def hit(self, origin: Array3f, direction: Array3f, end: RayEnd) -> LightHit:
         """What rays meet of it before their end: it stands in front of what they hit, and hides nothing."""
