@@ -120,14 +120,19 @@ def test_extremes_are_deep_long_or_many():
     assert any((2**16 - 1).to_bytes(2, "big") in made for made in stated)
 
 
-def test_what_takes_too_much_is_a_fault(tmp_path, monkeypatch):
-    """Counted; the bounds are lowered, not to take as much here."""
-    monkeypatch.setattr("fuzz.costs.MOST_MEMORY", 50 << 20)
-    monkeypatch.setattr("fuzz.costs.MOST_SECONDS", 0.2)
-    acts = {"GiB of memory": lambda path: bytearray(200 << 20), "s of computing": lambda path: sum(range(20_000_000))}
-    for said, act in acts.items():
-        reader = Reader("a.txt", lambda path: None, act)
-        verdict = tried(reader, Sample({"a.txt": b"text"}, True), 0, tmp_path)
-        assert verdict.outcome == FAULT and said in verdict.kind
-        working = reader._replace(works=True)
-        assert tried(working, Sample({"a.txt": b"text"}, True), 0, tmp_path).outcome == "read"
+@pytest.mark.parametrize(
+    ("bound", "lowered", "act", "said"),
+    [
+        ("MOST_MEMORY", 50 << 20, lambda path: bytearray(200 << 20), "GiB of memory"),
+        ("MOST_SECONDS", 0.2, lambda path: sum(range(20_000_000)), "s of computing"),
+    ],
+    ids=["memory", "seconds"],
+)
+def test_what_takes_too_much_is_a_fault(tmp_path, monkeypatch, bound, lowered, act, said):
+    """Counted; one bound is lowered, not to take as much here."""
+    monkeypatch.setattr(f"fuzz.costs.{bound}", lowered)
+    reader = Reader("a.txt", lambda path: None, act)
+    verdict = tried(reader, Sample({"a.txt": b"text"}, True), 0, tmp_path)
+    assert verdict.outcome == FAULT and said in verdict.kind
+    working = reader._replace(works=True)
+    assert tried(working, Sample({"a.txt": b"text"}, True), 0, tmp_path).outcome == "read"
