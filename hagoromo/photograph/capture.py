@@ -259,11 +259,12 @@ def _photograph(
     pixels = read_pixels(path, frame, channels or default_channels(3), demosaic, where)
     height, width = pixels.values.shape[:2]
     camera = replace(camera_from_record(frame, (height, width), where), sensor=pixels.sensor)
-    valid = pixels.valid
+    valid, silhouette = pixels.valid, pixels.opaque
     if frame.mask_path is not None:
-        valid = valid & read_mask(inside(home, frame.mask_path), (height, width))
+        mask = read_mask(inside(home, frame.mask_path), (height, width))
+        valid, silhouette = valid & mask, mask if silhouette is None else silhouette & mask
     name = path.stem if frame.name is None else frame.name
-    return Photograph(pixels.values, pixels.variance, valid, camera, (), name, pixels.native)
+    return Photograph(pixels.values, pixels.variance, valid, camera, (), name, pixels.native, silhouette)
 
 
 def _write_frame(photograph: Photograph, index: int, home: Path, lamps: dict[str, int]) -> dict[str, Any]:
@@ -279,10 +280,11 @@ def _write_frame(photograph: Photograph, index: int, home: Path, lamps: dict[str
     }
     if photograph.camera.sensor:
         frame["sensor"] = record_from_sensor(photograph.camera.sensor)
-    if not photograph.mask.all():
+    mask = photograph.mask if photograph.silhouette is None else photograph.silhouette  # the image says what is clipped
+    if not mask.all():
         (home / "masks").mkdir(exist_ok=True)
         frame["mask_path"] = f"masks/{index:04d}.png"
-        write_png(home / frame["mask_path"], photograph.mask.astype(np.uint8) * 255)
+        write_png(home / frame["mask_path"], mask.astype(np.uint8) * 255)
     return frame
 
 

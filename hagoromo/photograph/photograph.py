@@ -23,7 +23,8 @@ class Photograph:
     values: (height, width, channels) float32, in units of ρ of Tanaka eq. (10). variance: same shape, in squared units.
     mask: (height, width), true where the pixel is valid (not saturated, part of the object). camera: the camera that
     took it; lamps: those that were on. native: (height, width, channels), true where the sensor measured the channel
-    itself, so that the value is independent of its neighbours; None if that is so everywhere. Raises `InputError` if
+    itself, so that the value is independent of its neighbours; None if that is so everywhere. silhouette: (height,
+    width), true where the object is, as a mask or transparency states; None if neither is given. Raises `InputError` if
     shapes differ, or a valid pixel is not finite or has no positive variance.
 
     >>> camera = hg.Camera(5, 3, (10, 10), (2.5, 1.5))
@@ -40,6 +41,7 @@ class Photograph:
     lamps: tuple[Lamp, ...] = field(default=())
     name: str = ""
     native: NDArray[np.bool_] | None = None
+    silhouette: NDArray[np.bool_] | None = None
 
     def __repr__(self) -> str:
         """The name, the size and the lamps."""
@@ -75,6 +77,7 @@ class Photograph:
             ("variance", self.variance, self.values.shape),
             ("mask", self.mask, size),
             ("native", self.native, self.values.shape),
+            ("silhouette", self.silhouette, size),
         ):
             if array is not None and array.shape != shape:
                 raise InputError(f"photograph {self.name!r}: {what} of shape {array.shape}, it must be {shape}")

@@ -33,13 +33,17 @@ LARGEST_VALUE = 1e15  # whose square, over a full well, is a number in single pr
 
 
 class DevelopedPixels(NamedTuple):
-    """values, variance, native: as `Photograph`; valid (height, width); sensor: None if its parameters are assumed."""
+    """values, variance, native: as `Photograph`; valid (height, width); sensor: None if its parameters are assumed.
+
+    opaque: (height, width), None where the file has no transparency.
+    """
 
     values: NDArray[np.float32]
     variance: NDArray[np.float32]
     valid: NDArray[np.bool_]
     native: NDArray[np.bool_] | None
     sensor: Sensor | None
+    opaque: NDArray[np.bool_] | None = None
 
 
 def read_pixels(
@@ -75,7 +79,7 @@ def read_pixels(
     else:
         values, variance, valid = develop_raw(raw, replace(sensor, mosaic=mosaic), demosaic)
     native = native_channels(sensor, *numbers.shape[:2]) if mosaic else None
-    return DevelopedPixels(values, variance, valid & opaque, native, known)
+    return DevelopedPixels(values, variance, valid & opaque, native, known, None if opaque.all() else opaque)
 
 
 def read_mask(path: Path, shape: tuple[int, int]) -> NDArray[np.bool_]:
@@ -99,8 +103,9 @@ def write_pixels(photograph: Photograph, stem: Path) -> Path:
     layers = {prefix: np.where(used | np.isfinite(layer), layer, 0.0) for prefix, layer in light.items()}
     if photograph.native is not None:
         layers[NATIVE] = photograph.native.astype(np.float32)
+    valid = {} if photograph.silhouette is None else {ALPHA: photograph.mask.astype(np.float32)}
     channels = {prefix + name: layer[..., i] for prefix, layer in layers.items() for i, name in enumerate(names)}
-    write_exr(stem.with_suffix(".exr"), channels, {"colourSpace": "camera, linear, in units of ρ of eq. (10)"})
+    write_exr(stem.with_suffix(".exr"), channels | valid, {"colourSpace": "camera, linear, in units of ρ of eq. (10)"})
     return stem.with_suffix(".exr")
 
 
