@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
-import io
-import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.files.plot import panels
 from hagoromo.image.relight.prediction import PREDICTIONS, RELIEF_RIM_PX, Prediction
 from hagoromo.image.relight.relighting import Relighting
 from hagoromo.light.colour import delta_e_2000, srgb_encode
 from hagoromo_page.report.measure_report import report_viewer
 from hagoromo_page.report.page import page_picture, page_viewer, write_page
-from hagoromo_page.report.report_pictures import around
+from hagoromo_page.report.report_pictures import around, map_picture, nice
 
-MAP_WIDTH_INCH = 4.6  # inch, of a map
-DPI = 130
 SCALE_PERCENTILE = 95  # percentile of a map that its scale holds
 PHOTOGRAPH_WIDTH_PX = 320  # px, of a small photograph on the page
 
@@ -79,19 +74,28 @@ def _photograph(one: Prediction) -> dict[str, Any]:
         for key, view in one.predictions.items()
     ]
     differences = {key: (view - one.photograph).mean(axis=2) for key, view in one.predictions.items()}
-    limit = _nice(max(np.percentile(np.abs(d[one.mask]), SCALE_PERCENTILE) for d in differences.values()))
+    limit = nice(max(np.percentile(np.abs(d[one.mask]), SCALE_PERCENTILE) for d in differences.values()))
     colours = {key: _delta_e(one, key) for key in one.predictions}
-    reach = _nice(max(np.percentile(d[one.mask], SCALE_PERCENTILE) for d in colours.values()))
+    reach = nice(max(np.percentile(d[one.mask], SCALE_PERCENTILE) for d in colours.values()))
     return {
         "name": one.name,
         "lamps": "; ".join(one.lamps),
         "pictures": shown,
         "differences": [
-            _map(100.0 * difference, one.mask, crop, "RdBu_r", (-100 * limit, 100 * limit), "% of white", key)
+            map_picture(
+                100.0 * difference,
+                one.mask,
+                crop,
+                "RdBu_r",
+                (-100 * limit, 100 * limit),
+                "% of white",
+                PREDICTIONS[key],
+            )
             for key, difference in differences.items()
         ],
         "colours": [
-            _map(colour, one.mask, crop, "magma", (0.0, reach), "ΔE00", key) for key, colour in colours.items()
+            map_picture(colour, one.mask, crop, "magma", (0.0, reach), "ΔE00", PREDICTIONS[key])
+            for key, colour in colours.items()
         ],
     }
 
@@ -105,48 +109,3 @@ def _enlarged(linear: NDArray[np.float64]) -> NDArray[np.uint8]:
 def _delta_e(one: Prediction, key: str) -> NDArray[np.float64]:
     a, b = (np.clip(values, 0.0, None) for values in (one.predictions[key], one.photograph))
     return np.where(one.mask, delta_e_2000(a, b), 0.0)
-
-
-def _nice(value: float) -> float:
-    """1, 2 or 5 times a power of ten, at least `value`."""
-    power = 10.0 ** math.floor(math.log10(max(value, 1e-6)))
-    return next(step * power for step in (1.0, 2.0, 5.0, 10.0) if step * power >= value)
-
-
-def _map(
-    values: NDArray[np.float64],
-    mask: NDArray[np.bool_],
-    crop: tuple[slice, slice],
-    colours: str,
-    limits: tuple[float, float],
-    unit: str,
-    key: str,
-) -> str:
-    """An <img> of a map with its colour bar, in pixels of the photograph."""
-    from matplotlib import colormaps
-
-    rows, columns = crop
-    rows, columns = (slice(s.start, min(s.stop, size)) for s, size in zip((rows, columns), mask.shape, strict=True))
-    height = MAP_WIDTH_INCH * (rows.stop - rows.start) / (columns.stop - columns.start)
-    figure, (axis,) = panels(1, MAP_WIDTH_INCH, min(max(0.78 * height + 0.75, 1.5), 8.0))
-    palette = colormaps[colours].with_extremes(bad="#d8d8d4")
-    shown = np.where(mask, values, np.nan)[rows, columns]
-    extent = (columns.start, columns.stop, rows.stop, rows.start)
-    drawn = axis.imshow(shown, cmap=palette, vmin=limits[0], vmax=limits[1], extent=extent, interpolation="nearest")
-    axis.set_title(PREDICTIONS[key], fontsize=9)
-    axis.set_xlabel("x [px]", fontsize=8)
-    axis.set_ylabel("y [px]", fontsize=8)
-    bar = figure.colorbar(drawn, ax=axis, extend="max" if limits[0] == 0.0 else "both", shrink=0.9)
-    bar.set_label(unit, fontsize=8)
-    bar.ax.tick_params(labelsize=7)
-    return page_picture(_rasterised(figure), f"map of the difference in {unit}: {PREDICTIONS[key]}", lossless=True)
-
-
-def _rasterised(figure: Any) -> NDArray[np.uint8]:
-    import cv2
-
-    drawn = io.BytesIO()
-    figure.savefig(drawn, format="png", dpi=DPI)
-    picture = cv2.imdecode(np.frombuffer(drawn.getvalue(), np.uint8), cv2.IMREAD_COLOR)
-    assert picture is not None
-    return np.asarray(picture[..., ::-1], np.uint8)

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import io
+import math
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.camera.response import Response
 from hagoromo.camera.srgb_from_camera import srgb_from_camera
+from hagoromo.files.plot import panels
 from hagoromo.measurement.material.segment import interior
 from hagoromo.measurement.measurement import Measurement
 from hagoromo.measurement.observations import Pixels, known_shape, native
@@ -14,10 +19,13 @@ from hagoromo.measurement.sight import sight_of
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.photograph import Photograph
 from hagoromo_page.report.display import exposure, shown
+from hagoromo_page.report.page import page_picture
 
 MATERIAL_COLOURS = {"skin": "#b5651d", "cloth": "#2f5d9b", "feather": "#8a8a8a", "dielectric": "#3b7d5a"}
 FULL_COLOUR_SIGMAS = 5.0  # standard deviations at which a residual is fully red or blue
 UNKNOWN = (235, 235, 232)
+MAP_WIDTH_INCH = 4.6  # inch, of a map
+DPI = 130
 
 
 def response_of(photograph: Photograph) -> Response:
@@ -66,3 +74,48 @@ def fitted_residuals(capture: Capture, measurement: Measurement) -> NDArray:
         values, own = standardised[place], native(photograph)[place]
         residuals.append(values[own & np.isfinite(values)])
     return np.concatenate(residuals)
+
+
+def nice(value: float) -> float:
+    """1, 2 or 5 times a power of ten, at least `value`."""
+    power = 10.0 ** math.floor(math.log10(max(value, 1e-6)))
+    return next(step * power for step in (1.0, 2.0, 5.0, 10.0) if step * power >= value)
+
+
+def map_picture(
+    values: NDArray[np.float64],
+    mask: NDArray[np.bool_],
+    crop: tuple[slice, slice],
+    colours: str,
+    limits: tuple[float, float],
+    unit: str,
+    title: str,
+) -> str:
+    """An <img> of a map with its colour bar, in pixels of the photograph."""
+    from matplotlib import colormaps
+
+    rows, columns = crop
+    rows, columns = (slice(s.start, min(s.stop, size)) for s, size in zip((rows, columns), mask.shape, strict=True))
+    height = MAP_WIDTH_INCH * (rows.stop - rows.start) / (columns.stop - columns.start)
+    figure, (axis,) = panels(1, MAP_WIDTH_INCH, min(max(0.78 * height + 0.75, 1.5), 8.0))
+    palette = colormaps[colours].with_extremes(bad="#d8d8d4")
+    shown = np.where(mask, values, np.nan)[rows, columns]
+    extent = (columns.start, columns.stop, rows.stop, rows.start)
+    drawn = axis.imshow(shown, cmap=palette, vmin=limits[0], vmax=limits[1], extent=extent, interpolation="nearest")
+    axis.set_title(title, fontsize=9)
+    axis.set_xlabel("x [px]", fontsize=8)
+    axis.set_ylabel("y [px]", fontsize=8)
+    bar = figure.colorbar(drawn, ax=axis, extend="max" if limits[0] == 0.0 else "both", shrink=0.9)
+    bar.set_label(unit, fontsize=8)
+    bar.ax.tick_params(labelsize=7)
+    return page_picture(_rasterised(figure), f"map in {unit}: {title}", lossless=True)
+
+
+def _rasterised(figure: Any) -> NDArray[np.uint8]:
+    import cv2
+
+    drawn = io.BytesIO()
+    figure.savefig(drawn, format="png", dpi=DPI)
+    picture = cv2.imdecode(np.frombuffer(drawn.getvalue(), np.uint8), cv2.IMREAD_COLOR)
+    assert picture is not None
+    return np.asarray(picture[..., ::-1], np.uint8)
