@@ -145,6 +145,11 @@ from .image.relight.prediction import Prediction as Prediction
 from .image.relight.relighting import Relighting as Relighting
 from .image.relight.relight import relight as relight
 
+# A box from photographs of many views
+from .recovery.recovered import Recovered as Recovered, RecoveredMesh as RecoveredMesh, Score as Score
+from .recovery.evidence import Evidence as Evidence
+from .recovery.recover import RecoverySettings as RecoverySettings, recover as recover
+
 # Many captures, many machines
 from .cluster.scheduler_address import TrustedScheduler as TrustedScheduler
 from .app.batch.batch import batch as batch
@@ -168,6 +173,7 @@ from hagoromo_page.publication.publish import Published as Published, publish as
 from hagoromo_page.publication.publish_scene import PublishedScene as PublishedScene, publish_scene as publish_scene
 from hagoromo_page.viewer.notebook import Shown as Shown, show as show
 from hagoromo_page.report.measure_report import write_measure_report as write_measure_report
+from hagoromo_page.report.recovery_page import write_recovery_report as write_recovery_report
 from hagoromo_page.report.relight_page import write_relight_report as write_relight_report
 from hagoromo_page.report.page import (
     page_drawing as page_drawing,

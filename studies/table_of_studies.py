@@ -39,6 +39,11 @@ def _module(name: str, *arguments: str) -> tuple[str, ...]:
 
 
 STUDIES: dict[str, Study] = {
+    "recover": Study(
+        "a glossy object recovered from simulated photographs of many views, against views and lamps kept aside",
+        "a quarter of an hour",
+        (_module("recovery", "--out", "out/recovery"),),
+    ),
     "real": Study(
         "every real photograph of six objects, predicted from the eleven others",
         "minutes",

@@ -1,0 +1,1 @@
+"""Recovery: a volume box from photographs of many views and lamps."""

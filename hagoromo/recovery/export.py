@@ -1,0 +1,158 @@
+"""Export: what was recovered as a volume box, for scenes under any lamp, and as a mesh."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import drjit as dr
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from hagoromo.backend import arrays
+from hagoromo.errors import InputError
+from hagoromo.light.colour import srgb_encode
+from hagoromo.light.spectrum import Spectrum
+from hagoromo.matter.shape import coverage, unit
+from hagoromo.photograph.photograph import Photograph
+from hagoromo.recovery.distance_field import COLOURS, DistanceField
+from hagoromo.recovery.recovered import Recovered, RecoveredMesh
+from hagoromo.recovery.shading import ALPHA
+from hagoromo.reflectance.reflectance import Reflectance
+from hagoromo.reflectance.spectra.body_basis import body_basis
+from hagoromo.volume.box import VolumeBox
+
+EDGE = 2.0  # voxels of the box from no density to all of it
+DEPTH = 7.0  # optical depth of a full voxel that is seen straight on
+INWARDS = 0.6  # voxels of the box that the edge is shifted inwards: light comes from before its middle
+EXTINCTION = "projected"  # as of elements that face the ray: an outline is not seen before the surface
+FINENESS, MOST_SIDE = 3, 768  # voxels of a box by default, per node; along its longest edge at most
+SHADOW_BIAS = 1.0  # voxels of the box
+LEAST_BOX, LARGEST_BOX = 8, 2048  # voxels along the longest edge
+SKIN = 6.0  # voxels of the box that hold matter behind the surface
+BRIGHTEST = 0.98  # of a body colour, which a reflectance must give back less than all of
+LEAST_DIM = 1e-3  # factor on the reflectance below which it cannot be made to conserve energy
+
+
+def recovered_box(recovered: Recovered, side: int | None = None) -> VolumeBox:
+    """The object as a box of plane elements, `side` voxels along its longest edge (default: three a node).
+
+    Body colours are on the basis of the camera's response under the lamp, or on `smooth_rgb_basis` where one of both
+    is not known. A reflectance that would give back more than it receives is dimmed: the name of the box says by how
+    much, and lamps must be stronger by that factor.
+    """
+    if side is not None and not LEAST_BOX <= side <= LARGEST_BOX:
+        raise InputError(f"side is {side}: give {LEAST_BOX} to {LARGEST_BOX} voxels")
+    lattice = recovered.lattice
+    edges = np.array(lattice.shape[::-1]) * lattice.voxel
+    voxel = float(edges.max()) / (side or min(FINENESS * max(lattice.shape), MOST_SIDE))
+    shape: Any = tuple(int(np.ceil(edge / voxel)) + 1 for edge in edges)
+    field = DistanceField(recovered.distance, recovered.colours)
+    materials, dim = conserving(recovered)
+    per_node, jit = float(voxel / lattice.voxel), arrays()
+    scale = dim * ALPHA / materials[0].alpha
+
+    def place_of(point: Any) -> Any:
+        return jit.Array3f(point) * float(1.0 / lattice.voxel) - 0.5 * per_node
+
+    def matter(point: Any) -> tuple[Any, ...]:
+        place = place_of(point)
+        distance = field.distance_at(place) * (1.0 / per_node)  # voxels of the box
+        there = coverage(distance + INWARDS, EDGE) * dr.select(distance > -SKIN, 1.0, 0.0)
+        on = place - unit(field.slope_at(place)) * (distance * per_node)  # of the surface, where colours are known
+        colours = [dr.fmin(each * scale, BRIGHTEST) for each in field.colours_at(on)]
+        return there, unit(field.slope_at(on)), jit.UInt(0), [*colours, jit.Float(0)]
+
+    def occupied(middle: Any, radius: float) -> Any:
+        distance = field.distance_at(place_of(middle)) * (1.0 / per_node)
+        reach = 1.3 * radius / voxel + EDGE  # the distance is not exact
+        return (distance < reach) & (distance > -SKIN - reach)
+
+    basis = basis_of(recovered.photographs)
+    box = VolumeBox.from_field(
+        matter, shape, voxel, DEPTH / voxel, materials, occupied, pose=_pose(recovered, voxel), basis=basis,
+        name=_name(recovered, dim), shadow_bias=SHADOW_BIAS * voxel, extinction=EXTINCTION,
+    )  # fmt: skip
+    return box
+
+
+def _name(recovered: Recovered, dim: float) -> str:
+    dimmed = "" if dim == 1.0 else f", dimmed by {dim:g}"
+    return f"{recovered.name or 'recovered'}{dimmed}"
+
+
+def _pose(recovered: Recovered, voxel: float) -> NDArray[np.float64]:
+    pose = np.eye(4)
+    pose[:3, 3] = recovered.lattice.corner - 0.5 * voxel  # the middle of the first voxel is the first node
+    return pose
+
+
+def conserving(recovered: Recovered) -> tuple[list[Reflectance], float]:
+    """The material, and the factor by which it is dimmed so that it conserves energy."""
+    brightest = min(float(recovered.colours[np.abs(recovered.distance) < 1.0].max(initial=0.1)), BRIGHTEST)
+    dim = 1.0
+    while True:
+        try:
+            material = Reflectance(
+                alpha=ALPHA * dim,
+                beta=recovered.beta * dim if recovered.lit else 0.0,
+                gamma=recovered.gamma,
+                n=recovered.n,
+                body_colour=Spectrum.constant(brightest),
+                name=recovered.name or "recovered",
+            )
+            return [material], dim
+        except InputError:
+            dim *= 0.9
+            if dim < LEAST_DIM:
+                raise
+
+
+def basis_of(photographs: Sequence[Photograph]) -> tuple[Spectrum, ...]:
+    """Spectra that body colours are coefficients of."""
+    first = photographs[0]
+    lamp = first.lamps[0].spectrum if first.lamps else Spectrum.constant(1.0)
+    response = first.camera.response
+    known = response is not None and len(response.channels) == COLOURS
+    return body_basis(response if known else None, lamp)
+
+
+def recovered_mesh(recovered: Recovered) -> RecoveredMesh:
+    """The surface as triangles (marching cubes, Lorensen and Cline 1987), with the normals of the field."""
+    from skimage.measure import marching_cubes
+
+    if not (recovered.distance.min() < 0.0 < recovered.distance.max()):
+        raise InputError("no surface was recovered: the distance has one sign everywhere")
+    values = _spline_values(recovered.distance)
+    corners, faces, _, _ = marching_cubes(values, 0.0)
+    places = corners[:, ::-1].astype(np.float64)
+    field, jit = DistanceField(recovered.distance, recovered.colours), arrays()
+    at = jit.Array3f(np.ascontiguousarray(places.T, np.float32))
+    normals = np.array(unit(field.slope_at(at)), np.float64).T
+    colours = np.stack([np.array(each, np.float64) for each in field.colours_at(at)], axis=1)
+    vertices = recovered.lattice.to_world(places)
+    corner = vertices[faces[:, :3]]
+    outwards = np.einsum(
+        "ni,ni->n", np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), normals[faces[:, 0]]
+    )
+    faces = np.where((outwards < 0.0)[:, None], faces[:, ::-1], faces).astype(np.int64)
+    return RecoveredMesh(vertices, faces, normals, colours)
+
+
+def _spline_values(nodes: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Values at the nodes of the quadratic spline: each a mean of its neighbours."""
+    values = np.asarray(nodes, np.float64)
+    for axis in range(3):
+        values = ndimage.correlate1d(values, [0.125, 0.75, 0.125], axis=axis, mode="nearest")
+    return values
+
+
+def write_mesh(path: Path, mesh: RecoveredMesh) -> None:
+    """Write the mesh as PLY, with normals and sRGB colours of its vertices."""
+    import trimesh
+
+    colours = srgb_encode(np.clip(mesh.colours, 0.0, 1.0))
+    made = trimesh.Trimesh(mesh.vertices, mesh.faces, vertex_normals=mesh.normals, vertex_colors=colours, process=False)
+    made.export(path, file_type="ply")

@@ -1,0 +1,71 @@
+"""Lamp table: the lamps of all photographs on the device, of which each ray reads its own."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import drjit as dr
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.backend import Array3f, Float, UInt, arrays, lookup
+from hagoromo.camera.response import camera_white
+from hagoromo.errors import InputError
+from hagoromo.light.lamp import Lamp
+from hagoromo.photograph.photograph import Photograph
+from hagoromo.recovery.lattice import Lattice
+
+Array = NDArray[np.float64]
+WIDTH = 12  # numbers of a lamp: place, whether near, strength of three channels, axis, exponent, what is behind it
+
+
+class LampTable:
+    """Lamps of photographs, `each` of every one; a photograph with fewer has some without strength.
+
+    Places are counted in lattice coordinates, so that kernels compute in one frame.
+    """
+
+    def __init__(self, photographs: Sequence[Photograph], lattice: Lattice) -> None:
+        self.each = max((len(photograph.lamps) for photograph in photographs), default=0)
+        rows = np.zeros((len(photographs), self.each, WIDTH))
+        for number, photograph in enumerate(photographs):
+            for k, lamp in enumerate(photograph.lamps):
+                rows[number, k] = _row(lamp, photograph, lattice)
+        self.rows = lookup(arrays().Float, rows.astype(np.float32).ravel())
+        self.voxel = dr.opaque(arrays().Float, lattice.voxel)
+
+    def arriving(self, photograph: UInt, lamp: int, place: Array3f) -> tuple[Array3f, Float, list[Float]]:
+        """Unit direction to a lamp, the distance [voxel], and its irradiance in each channel on what faces it."""
+        jit, row = arrays(), photograph * self.each + lamp
+
+        def number(k: int) -> Float:
+            return dr.gather(jit.Float, self.rows, row * WIDTH + k)
+
+        where, near = jit.Array3f(number(0), number(1), number(2)), number(3)
+        offset = where - place * near
+        squared = dr.fmax(dr.squared_norm(offset), 1e-6)
+        inverse = dr.rsqrt(squared)
+        to_lamp = offset * inverse
+        distance = dr.select(near > 0.0, squared * inverse, 1e6)
+        metres = dr.select(near > 0.0, squared * (self.voxel * self.voxel), 1.0)
+        cosine = -dr.dot(to_lamp, jit.Array3f(number(7), number(8), number(9)))
+        beam = dr.select(cosine > 0.0, dr.power(dr.fmax(cosine, 1e-30), number(10)), number(11))
+        return to_lamp, distance, [number(4 + c) * beam / metres for c in range(3)]
+
+
+def _row(lamp: Lamp, photograph: Photograph, lattice: Lattice) -> Array:
+    """The numbers of a lamp. `InputError` for a lamp with a profile."""
+    beam = lamp.beam.record()
+    if lamp.profile is not None:
+        raise InputError(
+            f"lamp {lamp.name!r} has a profile: recover takes lamps that shine alike all around, or about an axis "
+            "(axis_power); give the nearest axis_power"
+        )
+    response, count = photograph.camera.response, photograph.values.shape[2]
+    white = np.ones(count) if response is None else camera_white(lamp.spectrum, response)
+    place = lattice.from_world(lamp.place[None])[0] if lamp.near else lamp.place
+    power = float(beam.get("axis_power", 0.0))
+    axis = np.asarray(beam.get("axis", (0.0, 0.0, 0.0)), float)
+    strength = np.asarray(lamp.intensity, float) * white
+    behind = 1.0 if power == 0.0 else 0.0
+    return np.concatenate([place, [float(lamp.near)], np.broadcast_to(strength, (3,)), axis, [power, behind]])

@@ -1,0 +1,51 @@
+"""Lattice: where the nodes of a recovery stand in the world."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Lattice:
+    """corner: (3,) world place of the first node [m]. voxel: distance between nodes [m]. shape: nodes (z, y, x)."""
+
+    corner: Array
+    voxel: float
+    shape: tuple[int, int, int]
+
+    @staticmethod
+    def around(low: Array, high: Array, side: int) -> Lattice:
+        """The lattice over a box between two corners [m], of `side` nodes along its longest edge."""
+        voxel = float((high - low).max()) / (side - 1)
+        x, y, z = (max(int(np.ceil(edge / voxel - 1e-9)) + 1, 4) for edge in high - low)
+        middle = 0.5 * (low + high)
+        corner = middle - 0.5 * voxel * (np.array([x, y, z]) - 1.0)
+        return Lattice(corner, voxel, (z, y, x))
+
+    def from_world(self, points: ArrayLike) -> Array:
+        """World points (..., 3) [m] in lattice coordinates (x, y, z)."""
+        return (np.asarray(points, float) - self.corner) / self.voxel
+
+    def to_world(self, places: ArrayLike) -> Array:
+        """Lattice coordinates (..., 3) in the world [m]."""
+        return np.asarray(places, float) * self.voxel + self.corner
+
+    def nodes(self) -> Array:
+        """World places of all nodes (nz, ny, nx, 3) [m]."""
+        z, y, x = np.meshgrid(*(np.arange(n) for n in self.shape), indexing="ij")
+        return self.to_world(np.stack([x, y, z], axis=3))
+
+    @property
+    def high(self) -> Array:
+        """(3,) world place of the last node [m]."""
+        return self.to_world(np.array(self.shape[::-1]) - 1.0)
+
+    @property
+    def middle(self) -> Array:
+        """(3,) its middle in the world [m]."""
+        return 0.5 * (self.corner + self.high)

@@ -1,0 +1,169 @@
+"""Recovered: what `recover` found, its pictures, and the box and mesh that are made of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.files.record import written_by
+from hagoromo.photograph.photograph import Photograph
+from hagoromo.recovery.distance_field import DistanceField
+from hagoromo.recovery.evidence import Evidence
+from hagoromo.recovery.lamp_table import LampTable
+from hagoromo.recovery.lattice import Lattice
+from hagoromo.recovery.rendering import Rendering
+from hagoromo.recovery.shading import Shading, figures
+
+if TYPE_CHECKING:
+    from hagoromo.volume.box import VolumeBox
+
+
+class Kept(NamedTuple):
+    """A photograph that was kept aside, and the object's silhouette (h, w) in it."""
+
+    photograph: Photograph
+    silhouette: NDArray[np.bool_]
+
+
+class Score(NamedTuple):
+    """How well a photograph is predicted. psnr: peak signal to noise [dB], over all valid pixels; inside: over those of
+    the silhouette; the peak is the brightest value. scaled: psnr after one factor on the prediction.
+    """
+
+    name: str
+    psnr: float
+    inside: float
+    scaled: float
+
+
+class RecoveredMesh(NamedTuple):
+    """vertices (n, 3) [m], faces (m, 3), unit normals (n, 3) outwards, body colours (n, 3)."""
+
+    vertices: NDArray[np.float64]
+    faces: NDArray[np.int64]
+    normals: NDArray[np.float64]
+    colours: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Recovered:
+    """An object as photographs show it.
+
+    lattice: where nodes are. distance: (nz, ny, nx) signed distance [voxel], negative inside. colours: (nz, ny, nx, 3)
+    body colours, as the camera reads them relative to a white plane under the lamp: albedos. gloss: ln β, ln γ,
+    ln(n − 1). softness: s [voxel]. photographs: those that it was recovered from; kept: those kept aside. lit: whether
+    their lamps are known; if not, colours are the light that the surface sends out. complete: False where it was
+    interrupted. stated: whether masks stated silhouettes. evidence: how well they are known; None where interrupted.
+    """
+
+    lattice: Lattice
+    distance: NDArray[np.float32]
+    colours: NDArray[np.float32]
+    gloss: NDArray[np.float64]
+    softness: float
+    photographs: tuple[Photograph, ...]
+    kept: tuple[Kept, ...]
+    lit: bool
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    name: str = ""
+    complete: bool = True
+    assumptions: Mapping[str, str] = field(default_factory=dict)
+    stated: bool = True
+    evidence: Evidence | None = None
+
+    def __repr__(self) -> str:
+        nodes = " × ".join(str(n) for n in self.lattice.shape[::-1])
+        return f"Recovered({self.name!r}, {nodes} nodes of {1e3 * self.lattice.voxel:.3g} mm)"
+
+    @property
+    def beta(self) -> float:
+        """Weight of the interface [1/sr]."""
+        return figures(self.gloss)[0]
+
+    @property
+    def gamma(self) -> float:
+        """Half width of the facets [rad]."""
+        return figures(self.gloss)[1]
+
+    @property
+    def n(self) -> float:
+        """Refractive index."""
+        return figures(self.gloss)[2]
+
+    @cached_property
+    def rendering(self) -> Rendering:
+        """The field on the device."""
+        held = DistanceField(self.distance, self.colours)
+        shading = Shading(LampTable(self.photographs[:1], self.lattice), self.gloss)
+        return Rendering(held, shading, self.softness, bool(self.settings.get("shadows", True)))
+
+    def picture(self, photograph: Photograph) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """What the camera of `photograph` would see under its lamps: light (h, w, 3), and opacity (h, w)."""
+        return self.rendering.picture(photograph, self.lattice)
+
+    def normals(self, photograph: Photograph) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
+        """Unit normals (h, w, 3), world axes, of the surface that a photograph shows, and the opacity (h, w)."""
+        return self.rendering.normals(photograph, self.lattice)
+
+    def record(self) -> dict[str, Any]:
+        """What was found, as plain data: the file beside a box."""
+        scores = self.scores()
+        edges = np.array(self.lattice.shape[::-1]) * self.lattice.voxel
+        return {
+            "hagoromo": written_by(dict(self.settings), self.settings.get("seed")),
+            "name": self.name,
+            "complete": self.complete,
+            "lamps": "known" if self.lit else "unknown: body colours are the light that the surface sends out",
+            "silhouettes": "masks" if self.stated else "what is brighter than a dark background",
+            "nodes": list(self.lattice.shape[::-1]),
+            "voxel_m": self.lattice.voxel,
+            "size_m": edges.tolist(),
+            "photographs": len(self.photographs),
+            "material": self.evidence.material(self.gloss) if self.evidence and self.lit else None,
+            "kept_aside": [score._asdict() for score in scores],
+            "assumptions": dict(self.assumptions),
+        }
+
+    def scores(self) -> list[Score]:
+        """How well the photographs that were kept aside are predicted, unscaled."""
+        return [score(kept.photograph, kept.silhouette, self.picture(kept.photograph)[0]) for kept in self.kept]
+
+    def box(self, side: int | None = None) -> VolumeBox:
+        """The object as a volume box of `side` voxels along its longest edge (default: three a node)."""
+        from hagoromo.recovery.export import recovered_box
+
+        return recovered_box(self, side)
+
+    def mesh(self) -> RecoveredMesh:
+        """The surface as triangles."""
+        from hagoromo.recovery.export import recovered_mesh
+
+        return recovered_mesh(self)
+
+
+def score(photograph: Photograph, silhouette: NDArray[np.bool_], light: NDArray[np.floating]) -> Score:
+    """How near predicted light (h, w, 3) is to a photograph."""
+    values = photograph.values.astype(np.float64)
+    predicted = light[..., : values.shape[2]].astype(np.float64)
+    valid = photograph.mask if photograph.silhouette is None else photograph.mask | ~silhouette
+    valid = valid & np.isfinite(values).all(axis=2)
+    peak = float(values[valid].max())
+    inside = valid & silhouette
+    truth, found = values[valid], predicted[valid]
+    factor = float((truth * found).sum() / max(float((found * found).sum()), 1e-30))
+    return Score(
+        photograph.name,
+        _psnr(truth, found, peak),
+        _psnr(values[inside], predicted[inside], peak),
+        _psnr(truth, factor * found, peak),
+    )
+
+
+def _psnr(truth: NDArray, found: NDArray, peak: float) -> float:
+    error = float(np.mean((truth - found) ** 2)) if truth.size else 0.0
+    return float(10.0 * np.log10(peak * peak / max(error, 1e-30)))

@@ -1,0 +1,127 @@
+"""Rendering: what photographs show of a distance field, under their lamps, with shadows."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import drjit as dr
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.backend import Array3f, Float, arrays, lookup
+from hagoromo.matter.shape import unit
+from hagoromo.photograph.photograph import Photograph
+from hagoromo.recovery.distance_field import COLOURS, DistanceField
+from hagoromo.recovery.lamp_table import LampTable
+from hagoromo.recovery.lattice import Lattice
+from hagoromo.recovery.shading import Shading
+from hagoromo.recovery.surface_march import Rays, Seen, SurfaceMarch
+from hagoromo.recovery.views import Drawn, span
+
+OPAQUE = 1e-2  # optical depth of rays that count as hits
+INSIDE = 1.0  # [voxel] from the edge of the lattice where shadow rays end
+
+
+class Light:
+    """What rays see. seen: without shadows. passed: share of each lamp's light that arrives. channels: of the sum."""
+
+    def __init__(self, seen: Seen, passed: list[Float]) -> None:
+        self.seen, self.passed = seen, passed
+        self.channels = [
+            sum(share * seen.light[k * COLOURS + c] for k, share in enumerate(passed)) for c in range(COLOURS)
+        ]
+
+    @property
+    def opacity(self) -> NDArray[np.float32]:
+        """(rays,) share of what is behind that the object hides."""
+        return np.asarray(1.0 - np.exp(-np.array(self.seen.depth)), np.float32)
+
+
+class Rendering:
+    """A distance field, the shading of its surface, and s [voxel], the softness of its opacity.
+
+    shadows: whether the object keeps the light of lamps from itself. Their derivative is not taken: shadows are found
+    anew in each step, and held in it.
+    """
+
+    def __init__(self, field: DistanceField, shading: Shading, softness: float, shadows: bool = True) -> None:
+        self.field, self.shading, self.shadows = field, shading, shadows
+        self.softness = softness
+
+    @property
+    def softness(self) -> float:
+        """s [voxel]."""
+        return self._softness
+
+    @softness.setter
+    def softness(self, s: float) -> None:
+        self._softness = s
+        self.march = SurfaceMarch(self.field, dr.opaque(arrays().Float, 1.0 / s), self.shading)
+
+    def light(self, drawn: Drawn) -> Light:
+        """The light of some pixels."""
+        self.shading.photograph = drawn.photograph
+        with dr.suspend_grad():
+            seen = self.march.seen(drawn.rays)
+            dr.eval(seen)
+            return Light(seen, self._passed(drawn, seen))
+
+    def _passed(self, drawn: Drawn, seen: Seen) -> list[Float]:
+        jit, lamps = arrays(), self.shading.lamps
+        if not (self.shadows and lamps.each):
+            return [jit.Float(1.0)] * max(lamps.each, 1)
+        place = dr.fma(drawn.rays.direction, seen.way, drawn.rays.origin)
+        shares = []
+        for k in range(lamps.each):
+            to_lamp, distance, _ = lamps.arriving(drawn.photograph, k, place)
+            far = dr.select(seen.depth > OPAQUE, dr.fmin(distance, self._to_edge(place, to_lamp)), 0.0)
+            shares.append(self.march.transmittance(Rays(place, to_lamp, jit.Float(0), far)))
+            dr.eval(shares[-1])
+        return shares
+
+    def _to_edge(self, place: Array3f, direction: Array3f) -> Float:
+        """Way from a place to where the lattice ends [voxel]."""
+        jit, way = arrays(), arrays().Float(1e6)
+        for k in range(3):
+            end = dr.select(direction[k] > 0.0, self.field.last[k], INSIDE)
+            step = (end - place[k]) / dr.select(dr.abs(direction[k]) > 1e-6, direction[k], jit.Float(1e-6))
+            way = dr.fmin(way, dr.fmax(step, 0.0))
+        return way
+
+    def picture(self, photograph: Photograph, lattice: Lattice) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Light (h, w, 3) that a camera sees under the lamps of `photograph`, and the opacity (h, w) there."""
+        light = self._of(photograph, lattice).light(whole_picture(photograph, lattice))
+        size = photograph.camera.height, photograph.camera.width
+        channels = [np.broadcast_to(np.array(each), light.opacity.shape) for each in light.channels]
+        return np.stack(channels, axis=1).reshape(*size, COLOURS), light.opacity.reshape(size)
+
+    def normals(self, photograph: Photograph, lattice: Lattice) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
+        """Unit normals (h, w, 3) of the surface that a camera sees, and the opacity (h, w) there."""
+        drawn = whole_picture(photograph, lattice)
+        light = Rendering(self.field, self._of(photograph, lattice).shading, self.softness, shadows=False).light(drawn)
+        place = dr.fma(drawn.rays.direction, light.seen.way, drawn.rays.origin)
+        normals = np.array(unit(self.field.slope_at(place)), np.float64).T
+        size = photograph.camera.height, photograph.camera.width
+        return normals.reshape(*size, 3), light.opacity.reshape(size)
+
+    def _of(self, photograph: Photograph, lattice: Lattice) -> Rendering:
+        """The same surface under the lamps of a photograph."""
+        shading = Shading(LampTable([photograph], lattice), np.array(self.shading.gloss))
+        return Rendering(self.field, shading, self.softness, self.shadows)
+
+
+def whole_picture(photograph: Photograph, lattice: Lattice) -> Drawn:
+    """All pixels of a photograph, for their rays alone."""
+    jit, camera = arrays(), photograph.camera
+    directions, origin = camera.pixel_directions(), lattice.from_world(camera.position)
+    near, far = span(origin, directions, lattice)
+    count = near.size
+
+    def column(values: Any) -> Float:
+        return lookup(jit.Float, np.ascontiguousarray(np.broadcast_to(values, near.shape).ravel(), np.float32))
+
+    begin = jit.Array3f(*(column(x) for x in origin))
+    way = jit.Array3f(*(column(directions[..., k]) for k in range(3)))
+    rays = Rays(begin, way, column(near), column(np.maximum(far, near)))
+    nothing = column(0.0)
+    return Drawn(rays, dr.zeros(jit.UInt, count), [nothing] * 3, [nothing] * 3, nothing, nothing)

@@ -1,0 +1,69 @@
+"""Shading: what a place of the surface sends to the eye under the lamps of its photograph."""
+
+from __future__ import annotations
+
+import drjit as dr
+import numpy as np
+
+from hagoromo.backend import Array3f, Float, arrays, clip
+from hagoromo.recovery.distance_field import COLOURS
+from hagoromo.recovery.lamp_table import LampTable
+from hagoromo.reflectance.torrance_sparrow import torrance_sparrow
+
+ALPHA = 1.0 / np.pi  # [1/sr]: body colours are then albedos
+FADE = 0.1  # cosθ_r below which light fades to 0: a sudden end has no derivative (6°)
+GLOSS = ("beta", "gamma", "n")  # what `Shading.gloss` holds, as ln β, ln γ, ln(n − 1)
+START = (0.5, 0.25, 1.5)
+
+
+def coordinates(beta: float, gamma: float, n: float) -> np.ndarray:
+    """The numbers that descent moves."""
+    return np.log([beta, gamma, n - 1.0])
+
+
+def figures(gloss: np.ndarray) -> tuple[float, float, float]:
+    """β [1/sr], γ [rad] and n of those numbers."""
+    beta, gamma, n1 = np.exp(np.asarray(gloss, float))
+    return float(beta), float(gamma), float(1.0 + n1)
+
+
+class Shading:
+    """Light of every lamp and colour, without shadows.
+
+    lamps: those of all photographs. gloss: Float (3,), see `coordinates`, one material's. Without lamps body colours
+    stand for the light that a place sends out. photograph: number of that of every ray, set before each march.
+    """
+
+    def __init__(self, lamps: LampTable, gloss: np.ndarray) -> None:
+        self.lamps, self.photograph = lamps, arrays().UInt(0)
+        self.set_gloss(gloss)
+
+    def set_gloss(self, gloss: np.ndarray) -> None:
+        """Other numbers of the gloss."""
+        self.gloss = arrays().Float(np.asarray(gloss, np.float32))
+        dr.make_opaque(self.gloss)
+
+    @property
+    def channels(self) -> int:
+        """Numbers of what `__call__` gives."""
+        return COLOURS * max(self.lamps.each, 1)
+
+    def __call__(self, place: Array3f, normal: Array3f, to_eye: Array3f, colours: list[Float]) -> list[Float]:
+        """Radiance of every lamp and channel."""
+        if not self.lamps.each:
+            return list(colours)
+        jit, light = arrays(), []
+        beta, gamma, n1 = (dr.exp(dr.gather(jit.Float, self.gloss, jit.UInt(k))) for k in range(3))
+        fade = faded(dr.dot(normal, to_eye))
+        for k in range(self.lamps.each):
+            to_lamp, _, irradiance = self.lamps.arriving(self.photograph, k, place)
+            weights = torrance_sparrow(normal, to_lamp, to_eye, ALPHA, beta, gamma, 1.0 + n1)
+            body, interface = weights.body * fade, weights.interface * fade
+            light += [irradiance[c] * dr.fma(body, colours[c], interface) for c in range(COLOURS)]
+        return light
+
+
+def faded(view: Float) -> Float:
+    """Factor on light that falls to 0, without a sudden end, where cosθ_r = `view` does."""
+    share = clip(view * (1.0 / FADE), 0.0, 1.0)
+    return share * share * (3.0 - 2.0 * share)

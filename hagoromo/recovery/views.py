@@ -1,0 +1,138 @@
+"""Views: the pixels of all photographs on the device, of which descent draws some."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import drjit as dr
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.backend import Float, UInt, arrays, lookup
+from hagoromo.photograph.photograph import Photograph
+from hagoromo.recovery.hull import way_to
+from hagoromo.recovery.lattice import Lattice
+from hagoromo.recovery.surface_march import Rays
+
+CHUNK = 16  # pixels that are drawn together: neighbours, so that their rays meet the same matter
+TILE = 4  # px, side of such a neighbourhood
+BESIDE = 4.0  # voxels around a silhouette whose pixels count, too
+AT_EDGE = 0.1  # weight of the silhouette's edge, which is known to half a pixel
+INSIDE = 1.5  # nodes from the edge of the lattice where rays begin: a spline needs neighbours
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """A photograph with its silhouette; `share` (h, w): of each pixel that lies in it, 0…1. stated: by a mask."""
+
+    photograph: Photograph
+    share: NDArray
+    stated: bool = True
+
+    def reduced(self, factor: int) -> View:
+        """With pixels that are means of factor × factor valid ones."""
+        if factor == 1:
+            return self
+        p = self.photograph
+        h, w = (n // factor for n in p.values.shape[:2])
+
+        def summed(values: NDArray) -> NDArray:
+            cut = values[: h * factor, : w * factor]
+            return cut.reshape(h, factor, w, factor, *values.shape[2:]).sum(axis=(1, 3))
+
+        used = p.mask[..., None].astype(np.float64)
+        count = summed(used)
+        some = np.maximum(count, 1.0)
+        values = summed(np.where(used > 0, p.values, 0.0)) / some
+        variance = summed(np.where(used > 0, p.variance, 0.0)) / some**2
+        mask = count[..., 0] >= 0.75 * factor**2
+        variance = np.where(mask[..., None], variance, 1.0)
+        camera = replace(p.camera.resampled(w, h, (factor, factor)), sensor=None)
+        single = values.astype(np.float32), variance.astype(np.float32)
+        photograph = Photograph(*single, mask, camera, p.lamps, p.name)
+        return View(photograph, summed(self.share.astype(np.float64)) / factor**2, self.stated)
+
+
+class Drawn(NamedTuple):
+    """Some pixels: rays, number of photograph, values and weights of 3 channels, silhouette and its weight."""
+
+    rays: Rays
+    photograph: UInt
+    values: list[Float]
+    weights: list[Float]
+    share: Float
+    share_weight: Float
+
+
+class Pixels:
+    """All pixels of some views near the object. model_error: relative error of the model, beside the noise."""
+
+    def __init__(self, views: Sequence[View], lattice: Lattice, model_error: float, scale: float) -> None:
+        """scale: value of a bright pixel; model_error is of it, too."""
+        columns: list[list[NDArray]] = []
+        for number, view in enumerate(views):
+            columns.append(_pixels_of(view, number, lattice, model_error, scale))
+        joined = [np.concatenate(each) for each in zip(*columns, strict=True)]
+        self.count = len(joined[0]) // CHUNK * CHUNK
+        number, *floats = joined
+        self.photograph = lookup(arrays().UInt, number[: self.count].astype(np.uint32))
+        self.table = [lookup(arrays().Float, each[: self.count].astype(np.float32)) for each in floats]
+        places = np.stack([lattice.from_world(v.photograph.camera.position) for v in views])
+        self.eyes = lookup(arrays().Float, places.astype(np.float32).ravel())
+        dr.eval(self.photograph, self.table, self.eyes)
+
+    def of(self, chunks: NDArray[np.integer]) -> Drawn:
+        """The pixels of some chunks, by number below `count` // CHUNK."""
+        jit = arrays()
+        lane = dr.arange(jit.UInt, len(chunks) * CHUNK)
+        first = dr.gather(jit.UInt, lookup(jit.UInt, chunks.astype(np.uint32)), lane // CHUNK)
+        index = first * CHUNK + lane % CHUNK
+        photograph = dr.gather(jit.UInt, self.photograph, index)
+        x, y, z, near, far, *rest = (dr.gather(jit.Float, each, index) for each in self.table)
+        rays = Rays(dr.gather(jit.Array3f, self.eyes, photograph), jit.Array3f(x, y, z), near, far)
+        drawn = Drawn(rays, photograph, rest[:3], rest[3:6], rest[6], rest[7])
+        dr.eval(drawn)
+        return drawn
+
+
+def _pixels_of(view: View, number: int, lattice: Lattice, model_error: float, scale: float) -> list[NDArray]:
+    """Number of the photograph, then columns of the table, of the pixels of a view near the object."""
+    p = view.photograph
+    camera, w = p.camera, p.values.shape[1]
+    directions = camera.pixel_directions()
+    origin = lattice.from_world(camera.position)
+    near, far = span(origin, directions, lattice)
+    distance = np.linalg.norm(0.5 * (lattice.corner + lattice.high) - camera.position)
+    beside = int(np.ceil(BESIDE * lattice.voxel * min(camera.focal) / distance)) + 1
+    outside = view.share < 0.5
+    used = (far > near) & ~outside.all()
+    if view.stated:
+        used &= way_to(~outside) <= beside
+    rows, cols = np.nonzero(used)
+    tile = (rows // TILE) * ((w + TILE - 1) // TILE) + cols // TILE
+    order = np.lexsort((cols, rows, tile))
+    at = rows[order], cols[order]
+    values = p.values[at].astype(np.float64)
+    values = values if values.shape[1] == 3 else np.repeat(values[:, :1], 3, axis=1)
+    variance = p.variance[at].astype(np.float64)
+    variance = variance if variance.shape[1] == 3 else np.repeat(variance[:, :1], 3, axis=1)
+    lit = p.mask[at] & np.isfinite(values).all(axis=1)
+    error = (model_error * np.maximum(values, 0.0)) ** 2 + (0.25 * model_error * scale) ** 2
+    weights = np.where(lit[:, None], 1.0 / (np.where(lit[:, None], variance, 1.0) + error), 0.0)
+    edge = (view.share > 0.0) & (view.share < 1.0)
+    edge |= (way_to(~outside) <= 1.0) & (way_to(outside) <= 1.0)
+    share_weight = np.where(edge[at], AT_EDGE, 1.0) * float(view.stated)
+    columns = [np.full(len(rows), number), *directions[at].T, near[at], far[at]]
+    return [*columns, *np.where(lit[:, None], values, 0.0).T, *weights.T, view.share[at], share_weight]
+
+
+def span(origin: NDArray, directions: NDArray, lattice: Lattice) -> tuple[NDArray, NDArray]:
+    """Where rays enter and leave the lattice [voxel]."""
+    low, high = np.full(3, INSIDE), np.array(lattice.shape[::-1]) - 1.0 - INSIDE
+    with np.errstate(divide="ignore", invalid="ignore"):
+        first, last = (low - origin) / directions, (high - origin) / directions
+    near = np.nanmax(np.minimum(first, last), axis=-1)
+    far = np.nanmin(np.maximum(first, last), axis=-1)
+    return np.maximum(near, 0.0), far

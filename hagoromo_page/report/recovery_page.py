@@ -1,0 +1,114 @@
+"""The page of a recovered object: photographs that were kept aside beside their predictions, normals, and figures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.light.colour import delta_e_2000, srgb_encode
+from hagoromo.photograph.photograph import Photograph
+from hagoromo.recovery.recovered import Kept, Recovered
+from hagoromo_page.report.page import page_picture, write_page
+from hagoromo_page.report.report_pictures import around, map_picture, nice
+
+MOST_SHOWN = 6  # photographs kept aside that the page shows
+VIEWS = 4  # photographs whose normals the page shows
+PHOTOGRAPH_WIDTH_PX = 320  # px, of a photograph on the page
+SCALE_PERCENTILE = 95  # percentile of a map that its scale holds
+WHITE_PERCENTILE = 99.5  # of the light of a photograph, what is shown as white
+COVERED = 0.5  # opacity of a pixel that shows the object
+BEHIND = 0.93  # grey behind normals
+
+
+def write_recovery_report(path: Path, recovered: Recovered, record: dict[str, Any]) -> None:
+    """Write the page to `path`: one self-contained HTML file. record: that of `Recovered.record`."""
+    material = record["material"]
+    write_page(
+        path,
+        "recovery.html.j2",
+        name=recovered.name,
+        photographs=record["photographs"],
+        kept=len(recovered.kept),
+        found=_found(recovered, record),
+        gloss=[] if material is None else _gloss(material),
+        scores=[
+            [s["name"], f"{s['psnr']:.2f}", f"{s['inside']:.2f}", f"{s['scaled']:.2f}"] for s in record["kept_aside"]
+        ],
+        shown=[_shown(recovered, kept) for kept in recovered.kept[:MOST_SHOWN]],
+        normals=[_normals(recovered, p) for p in recovered.photographs[:: max(len(recovered.photographs) // VIEWS, 1)]],
+        lit=recovered.lit,
+        stated=recovered.stated,
+        shadows=bool(record["hagoromo"]["settings"]["shadows"]),
+        complete=recovered.complete,
+    )
+
+
+def _found(recovered: Recovered, record: dict[str, Any]) -> list[str]:
+    size = " × ".join(f"{1e3 * edge:.4g}" for edge in record["size_m"])
+    said = [f"The lattice measures {size} mm; its nodes are {1e3 * record['voxel_m']:.3g} mm apart."]
+    if recovered.evidence is not None:
+        near = np.abs(recovered.distance) < 0.5
+        never = float((recovered.evidence.seen[near] == 0).mean())
+        said.append(f"{100.0 * never:.1f} % of the surface is in no pixel that was used: it is closed smoothly there.")
+    return said
+
+
+def _gloss(material: dict[str, Any]) -> list[list[str]]:
+    """Rows of the table of gloss."""
+    words = {"beta": "β, weight of the interface [1/sr]", "gamma": "γ, half width of the facets [rad]", "n": "n, index"}
+    rows = []
+    for key, text in words.items():
+        low, high = material["interval_95"][key]
+        known = "yes" if material["identifiable"][key] else "no: what is usual stands in its place"
+        rows.append([text, f"{material[key]:.4g}", f"{low:.4g} to {high:.4g}", known])
+    return rows
+
+
+def _shown(recovered: Recovered, kept: Kept) -> dict[str, Any]:
+    """A photograph that was kept aside, its prediction, and maps of what is between them."""
+    photograph, silhouette = kept
+    light, _ = recovered.picture(photograph)
+    values = photograph.values.astype(np.float64)
+    values = np.repeat(values, 3, axis=2) if values.shape[2] == 1 else values
+    there = photograph.mask & silhouette & np.isfinite(values).all(axis=2)
+    white = max(float(np.percentile(values[there].max(axis=1), WHITE_PERCENTILE)), 1e-30)
+    crop = around(silhouette)
+    truth, found = np.where(photograph.mask[..., None], values, 0.0) / white, light / white
+    delta = np.where(there, delta_e_2000(np.clip(found, 0.0, 1.0), np.clip(truth, 0.0, 1.0)), 0.0)
+    difference = 100.0 * (found - truth).mean(axis=2)
+    limit = nice(float(np.percentile(np.abs(difference[there]), SCALE_PERCENTILE)))
+    reach = nice(float(np.percentile(delta[there], SCALE_PERCENTILE)))
+    return {
+        "name": photograph.name,
+        "pictures": [
+            page_picture(_enlarged(truth[crop]), f"photograph {photograph.name}", "photograph, kept aside", True),
+            page_picture(_enlarged(found[crop]), f"prediction of {photograph.name}", "prediction", True),
+        ],
+        "maps": [
+            map_picture(difference, there, crop, "RdBu_r", (-limit, limit), "% of white", "prediction − photograph"),
+            map_picture(delta, there, crop, "magma", (0.0, reach), "ΔE00", "colour difference"),
+        ],
+    }
+
+
+def _normals(recovered: Recovered, photograph: Photograph) -> Any:
+    """The normals that a view shows, in its camera's axes: right red, up green, towards the camera blue."""
+    normals, opacity = recovered.normals(photograph)
+    camera = photograph.camera.world_to_camera[:3, :3]
+    local = normals @ camera.T * np.array([1.0, -1.0, -1.0])
+    covered = opacity > COVERED
+    picture = np.where(covered[..., None], 0.5 + 0.5 * local, BEHIND)
+    crop = around(covered) if covered.any() else (slice(None), slice(None))
+    pixels = (255.0 * np.clip(picture[crop], 0.0, 1.0)).astype(np.uint8)
+    times = max(round(PHOTOGRAPH_WIDTH_PX / 2 / pixels.shape[1]), 1)
+    shown = pixels.repeat(times, axis=0).repeat(times, axis=1)
+    return page_picture(shown, f"normals seen in {photograph.name}", photograph.name, lossless=True)
+
+
+def _enlarged(linear: NDArray[np.floating]) -> NDArray[np.uint8]:
+    """sRGB picture, enlarged by a whole number to about PHOTOGRAPH_WIDTH_PX pixels of width."""
+    times = max(round(PHOTOGRAPH_WIDTH_PX / linear.shape[1]), 1)
+    return srgb_encode(linear).repeat(times, axis=0).repeat(times, axis=1)

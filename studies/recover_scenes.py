@@ -1,0 +1,207 @@
+"""Captures of simulated objects for `recover`: exact shapes, seen from all around, under near lamps.
+
+The truth shares no line with the march: rays meet the signed distance of the shape itself, by sphere tracing, and its
+shadow rays as well. Photographs are means of 2 × 2 rays a pixel, with shot noise, read noise and 12 bits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import drjit as dr
+import numpy as np
+from numpy.typing import NDArray
+
+import hagoromo as hg
+from hagoromo.backend import arrays
+from hagoromo.matter import shape as sd
+from hagoromo.reflectance.torrance_sparrow import torrance_sparrow
+
+Array = NDArray[np.float64]
+DISTANCE = 0.6  # m, of cameras
+RADIUS = 0.05  # m, about that of the object
+FOCAL = 5.2  # in widths of a photograph
+FULL_WELL, READ_NOISE, BITS = 20_000.0, 8.0, 12
+ALPHA = 1.0 / np.pi
+SURFACE, MOST_STEPS = 2e-6, 160  # m from the surface that counts as on it
+OVERSAMPLED = 2  # rays along a side of a pixel
+
+
+class Truth:
+    """An object: β [1/sr], γ [rad], n; where it is (`distance`) and its body colour (`colours`), at points [m].
+
+    flat: whether it has one colour everywhere.
+    """
+
+    def __init__(self, beta: float = 3.0, gamma: float = 0.15, n: float = 1.5, flat: bool = False) -> None:
+        self.beta, self.gamma, self.n, self.flat = beta, gamma, n, flat
+
+    def distance(self, p: Any) -> Any:
+        """Signed distance [m]: a jug-like body with two arms and a ring, which shade each other."""
+        body = sd.ellipsoid(p, (0.0, 0.0, -0.008), (0.026, 0.022, 0.03))
+        head = sd.sphere(p, (0.004, 0.002, 0.032), 0.014)
+        arm = sd.capsule(p, (0.018, -0.01, 0.004), (0.036, -0.022, 0.024), 0.006)
+        other = sd.capsule(p, (-0.018, 0.006, 0.0), (-0.038, 0.014, -0.012), 0.0065)
+        shape = sd.smooth_union(body, head, 0.008)
+        return sd.smooth_union(sd.smooth_union(shape, arm, 0.006), other, 0.006)
+
+    def colours(self, p: Any) -> list[Any]:
+        """Body colour at points: three smooth patterns."""
+        if self.flat:
+            return [0.6 + 0.0 * p.x, 0.5 + 0.0 * p.x, 0.4 + 0.0 * p.x]
+        return [
+            0.5 + 0.25 * dr.sin(150.0 * p.x + 2.0) * dr.cos(110.0 * p.z),
+            0.45 + 0.2 * dr.sin(170.0 * p.y) * dr.cos(90.0 * p.x + 1.0),
+            0.4 + 0.25 * dr.cos(130.0 * p.z + 60.0 * p.x),
+        ]
+
+
+@dataclass(frozen=True)
+class Shots:
+    """Where cameras and lamps are. views: directions from the object (n, 3). lamps: of each view, positions [m]."""
+
+    views: Array
+    lamps: list[Array]
+    pixels: int = 160
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """A capture, and the exact light of each photograph (h, w, 3), its normals (h, w, 3) and points, NaN beside it."""
+
+    capture: hg.Capture
+    exact: list[Array] = field(default_factory=list)
+    normals: list[Array] = field(default_factory=list)
+    points: list[Array] = field(default_factory=list)
+
+
+def around(count: int, seed: int = 0, turn: float = 0.0) -> Array:
+    """Directions (count, 3) spread evenly over the ball (Fibonacci), the poles left out."""
+    number = np.arange(count) + 0.5
+    z = 0.92 * (1.0 - 2.0 * number / count)
+    angle = np.pi * (3.0 - np.sqrt(5.0)) * number + turn
+    r = np.sqrt(1.0 - z * z)
+    return np.stack([r * np.cos(angle), r * np.sin(angle), z], axis=1)
+
+
+def near_lamp(view: Array, low: float, high: float, random: np.random.Generator, distance: float = 0.5) -> Array:
+    """Position (3,) [m] of a lamp `low` to `high` degrees off the eye as seen from the object."""
+    angle, turn = np.radians(random.uniform(low, high)), random.uniform(0.0, 2.0 * np.pi)
+    side = np.cross(view, [0.0, 0.0, 1.0])
+    side /= np.linalg.norm(side)
+    up = np.cross(side, view)
+    return distance * (np.cos(angle) * view + np.sin(angle) * (np.cos(turn) * side + np.sin(turn) * up))
+
+
+def shots(count: int, low: float, high: float, seed: int, pixels: int = 160, lamps: int = 1) -> Shots:
+    """`count` views all around, each under `lamps` near lamps of their own, one photograph each."""
+    random = np.random.default_rng(seed)
+    views = around(count, turn=0.7 * seed)
+    return Shots(views, [np.stack([near_lamp(v, low, high, random) for _ in range(lamps)]) for v in views], pixels)
+
+
+def simulated(truth: Truth, taken: Shots, seed: int = 0, noise: bool = True) -> Simulated:
+    """Photographs of an object, one for each view and lamp."""
+    random, out = np.random.default_rng(seed), Simulated(hg.Capture((_nothing(),)))
+    photographs: list[hg.Photograph] = []
+    for view, lamps in zip(taken.views, taken.lamps, strict=True):
+        focal = FOCAL * taken.pixels
+        camera = hg.Camera(
+            taken.pixels, taken.pixels, (focal, focal), (taken.pixels / 2, taken.pixels / 2), name="simulated"
+        ).look_at(tuple(DISTANCE * view), (0.0, 0.0, 0.0))
+        for place in lamps:
+            lamp = hg.Lamp(position=place, intensity=np.pi * float(place @ place))
+            light, share, normals, points = _light(truth, camera, lamp)
+            for held, new in ((out.exact, light), (out.normals, normals), (out.points, points)):
+                held.append(new)
+            photographs.append(_photograph(light, share, camera, lamp, random if noise else None, len(photographs)))
+    return Simulated(hg.Capture(tuple(photographs), "simulated"), out.exact, out.normals, out.points)
+
+
+def _nothing() -> hg.Photograph:
+    camera = hg.Camera(1, 1, (1.0, 1.0), (0.5, 0.5))
+    return hg.Photograph(np.zeros((1, 1, 3), np.float32), np.ones((1, 1, 3), np.float32), np.ones((1, 1), bool), camera)
+
+
+def _light(truth: Truth, camera: hg.Camera, lamp: hg.Lamp) -> tuple[Array, Array, Array, Array]:
+    """Light of each pixel (h, w, 3), the share of it that the object covers, and normals and points of its middle."""
+    jit = arrays()
+    k, h, w = OVERSAMPLED, camera.height, camera.width
+    number = dr.arange(jit.UInt, h * w * k * k)
+    inner, pixel = number % (k * k), number // (k * k)
+    x = jit.Float(pixel % w) + (jit.Float(inner % k) + 0.5) / k
+    y = jit.Float(pixel // w) + (jit.Float(inner // k) + 0.5) / k
+    origin, direction = camera.rays(x, y)
+    light, hit = _seen(truth, origin, direction, lamp)
+    means = [np.array(each).reshape(h, w, k * k).mean(axis=2) for each in light]
+    share = np.array(dr.select(hit, jit.Float(1), 0)).reshape(h, w, k * k).mean(axis=2)
+    number = dr.arange(jit.UInt, h * w)
+    origin, direction = camera.rays(jit.Float(number % w) + 0.5, jit.Float(number // w) + 0.5)
+    way, hit = _met(truth, origin, direction, 2.0 * DISTANCE)
+    point = origin + direction * way
+    normal = _normal(truth, point)
+    there = np.array(hit).reshape(h, w, 1)
+    normals, points = (np.array(each).T.reshape(h, w, 3) for each in (normal, point))
+    return np.stack(means, axis=2), share, np.where(there, normals, np.nan), np.where(there, points, np.nan)
+
+
+def _seen(truth: Truth, origin: Any, direction: Any, lamp: hg.Lamp) -> tuple[list[Any], Any]:
+    """Light along rays, and whether they meet the object."""
+    jit = arrays()
+    way, hit = _met(truth, origin, direction, 2.0 * DISTANCE)
+    point = origin + direction * way
+    normal = _normal(truth, point)
+    offset = jit.Array3f(*(float(x) for x in lamp.place)) - point
+    distance = dr.norm(offset)
+    to_lamp = offset / distance
+    _, shaded = _met(truth, point + normal * 2e-5, to_lamp, distance)
+    weights = torrance_sparrow(normal, to_lamp, -direction, ALPHA, truth.beta, truth.gamma, truth.n)
+    arriving = dr.select(hit & ~shaded, float(np.max(lamp.intensity)) / (distance * distance), 0.0)
+    return [arriving * (weights.body * c + weights.interface) for c in truth.colours(point)], hit
+
+
+@dr.syntax
+def _met(truth: Truth, origin: Any, direction: Any, far: Any) -> tuple[Any, Any]:
+    """Way to the surface along rays [m], and whether it is nearer than `far`."""
+    jit = arrays()
+    way = dr.zeros(jit.Float, dr.width(direction))
+    hit = jit.Bool(False) & (way > 0)
+    count = dr.zeros(jit.UInt, dr.width(direction))
+    while (way < far) & ~hit & (count < MOST_STEPS):
+        distance = truth.distance(origin + direction * way)
+        hit = distance < SURFACE
+        way += dr.select(hit, 0.0, 0.8 * distance)
+        count += 1
+    return way, hit
+
+
+def _normal(truth: Truth, point: Any) -> Any:
+    jit, step, parts = arrays(), 2e-5, []
+    for k in range(3):
+        shift = jit.Array3f(*(step * float(j == k) for j in range(3)))
+        parts.append(truth.distance(point + shift) - truth.distance(point - shift))
+    return dr.normalize(jit.Array3f(*parts))
+
+
+def _photograph(
+    light: Array, share: Array, camera: hg.Camera, lamp: hg.Lamp, random: np.random.Generator | None, number: int
+) -> hg.Photograph:
+    """What a camera makes of light, with the object's mask: pixels of which it covers a half."""
+    white = float(np.percentile(light[share > 0.5], 99.8)) if (share > 0.5).any() else 1.0
+    electrons = light / white * FULL_WELL
+    if random is not None:
+        electrons = random.poisson(np.maximum(electrons, 0.0)) + random.normal(0.0, READ_NOISE, light.shape)
+    steps = 2.0**BITS - 1.0
+    read = np.minimum(np.rint(electrons / FULL_WELL * steps) / steps, 1.0)
+    variance = np.maximum(read, 0.0) / FULL_WELL + (READ_NOISE / FULL_WELL) ** 2 + 1.0 / steps**2 / 12.0
+    silhouette = share >= 0.5
+    valid = silhouette & (read < 1.0).all(axis=2)
+    values, spread = (each.astype(np.float32) for each in (read * white, variance * white**2))
+    return hg.Photograph(values, spread, valid, camera, (lamp,), f"view {number}", silhouette=silhouette)
+
+
+def stacked(captures: Sequence[hg.Capture], name: str) -> hg.Capture:
+    """All photographs of several captures."""
+    return hg.Capture(tuple(p for c in captures for p in c.photographs), name)

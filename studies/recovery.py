@@ -1,0 +1,161 @@
+"""Recovery: boxes recovered from simulated and real photographs, against photographs that were kept aside.
+
+    python -m studies.recovery --out out/recovery [--data FOLDER] [--only NAME …]
+
+Every score is unscaled, over all valid pixels; the simulated ones against exact light. Timings are processor seconds.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import hagoromo as hg
+from hagoromo.backend import arrays
+from hagoromo.recovery.recovered import score
+from studies.recover_scenes import Shots, Simulated, Truth, around, near_lamp, shots, simulated
+
+Array = NDArray[np.float64]
+SEED = 1
+
+
+@dataclass(frozen=True)
+class Case:
+    """A capture, and what is predicted from it. side: nodes. far: lamps at 80 to 110° off the eye."""
+
+    words: str
+    taken: Callable[[], Simulated]
+    side: int = 64
+
+
+@dataclass(frozen=True)
+class Row:
+    """Scores of a case. new, far: PSNR of new views under lamps like those taken, and under lamps from the side [dB].
+    normals: mean and median error [°]. surface: mean distance of true points from the surface, % of the lattice's edge.
+    beta, gamma: error [%]. held: whether both are in their 95 % intervals.
+    """
+
+    case: str
+    side: int
+    new: float
+    far: float
+    normals: tuple[float, float]
+    surface: float
+    beta: float
+    gamma: float
+    held: bool
+    seconds: float
+
+
+def flash(count: int) -> Shots:
+    """Views with a flash 1° from the lens."""
+    random = np.random.default_rng(SEED)
+    views = around(count, turn=0.7)
+    return Shots(views, [near_lamp(v, 1.0, 1.0, random)[None] for v in views])
+
+
+def taken(given: Shots) -> Simulated:
+    """Photographs of the object, with noise."""
+    return simulated(Truth(), given, SEED)
+
+
+CASES = {
+    "near": Case("36 views, a near lamp each, 5 to 60° off the eye", lambda: taken(shots(36, 5, 60, SEED))),
+    "near128": Case("the same, 128 nodes", lambda: taken(shots(36, 5, 60, SEED)), 128),
+    "six": Case("6 views × 6 lamps", lambda: taken(shots(6, 5, 60, SEED, lamps=6))),
+    "twelve": Case("12 views only", lambda: taken(shots(12, 5, 60, SEED))),
+    "flash": Case("36 views, a flash on the camera", lambda: taken(flash(36))),
+    "dome": Case("12 views × 16 lamps", lambda: taken(shots(12, 5, 60, SEED, lamps=16))),
+}
+
+
+def measured(case: str, given: Case, aside: tuple[Simulated, Simulated], truth: Truth, **settings: Any) -> Row:
+    """Recover a case and compare it with what is kept aside."""
+    capture = given.taken().capture
+    begin = time.process_time()
+    found = hg.recover(capture, hg.RecoverySettings(side=given.side, keep=0, **settings))
+    seconds = time.process_time() - begin
+    angles, distances = shape_errors(found, aside[0])
+    material = found.record()["material"]
+    true = {"beta": truth.beta, "gamma": truth.gamma}
+    held = all(material["interval_95"][k][0] <= v <= material["interval_95"][k][1] for k, v in true.items())
+    edge = max(found.lattice.shape) * found.lattice.voxel
+    scores, normals = [psnr(found, each) for each in aside], (float(angles.mean()), float(np.median(angles)))
+    return Row(
+        case, given.side, scores[0], scores[1], normals,
+        100.0 * float(distances.mean()) / edge, 100.0 * (found.beta / truth.beta - 1.0),
+        100.0 * (found.gamma / truth.gamma - 1.0), held, seconds,
+    )  # fmt: skip
+
+
+def psnr(found: hg.Recovered, aside: Simulated) -> float:
+    """PSNR of all pictures together against exact light [dB]."""
+    peak = max(float(exact.max()) for exact in aside.exact)
+    errors = [
+        np.mean((found.picture(p)[0] - exact) ** 2)
+        for p, exact in zip(aside.capture.photographs, aside.exact, strict=True)
+    ]
+    return float(10.0 * np.log10(peak**2 / np.mean(errors)))
+
+
+def shape_errors(found: hg.Recovered, aside: Simulated) -> tuple[Array, Array]:
+    """Angles of normals [°], and distances from the surface [m], at the true points of all pictures."""
+    jit, angles, distances = arrays(), [], []
+    for normals, points in zip(aside.normals, aside.points, strict=True):
+        there = np.isfinite(normals[..., 0])
+        places = found.lattice.from_world(points[there])
+        at = jit.Array3f(np.ascontiguousarray(places.T, np.float32))
+        slope = np.array(found.rendering.field.slope_at(at), np.float64).T
+        slope /= np.linalg.norm(slope, axis=1, keepdims=True)
+        angles.append(np.degrees(np.arccos(np.clip(np.einsum("ni,ni->n", slope, normals[there]), -1.0, 1.0))))
+        distances.append(np.abs(np.array(found.rendering.field.distance_at(at), np.float64)) * found.lattice.voxel)
+    return np.concatenate(angles), np.concatenate(distances)
+
+
+def real(folder: Path, side: int, keep: int = 8) -> dict[str, Any]:
+    """A real capture of unknown light: every `keep`-th view is predicted."""
+    capture = hg.load_capture(folder)
+    unlit = tuple(replace(p, lamps=()) for p in capture.photographs)
+    begin = time.process_time()
+    found = hg.recover(hg.Capture(unlit, folder.name), hg.RecoverySettings(side=side, keep=keep))
+    seconds = time.process_time() - begin
+    scores = [score(k.photograph, k.silhouette, found.picture(k.photograph)[0]) for k in found.kept]
+    return {
+        "case": folder.name, "side": side, "views": len(found.photographs), "aside": len(scores),
+        "psnr": float(np.mean([s.psnr for s in scores])), "inside": float(np.mean([s.inside for s in scores])),
+        "seconds": seconds,
+    }  # fmt: skip
+
+
+def main() -> None:
+    """Run the study."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--only", nargs="*", default=list(CASES))
+    parser.add_argument("--real", nargs="*", type=Path, default=[], help="captures of fixed unknown light")
+    parser.add_argument("--side", type=int, default=96, help="nodes for real captures")
+    given = parser.parse_args()
+    given.out.mkdir(parents=True, exist_ok=True)
+    truth = Truth()
+    new = simulated(truth, shots(8, 5, 60, 2), noise=False)
+    far = simulated(truth, shots(8, 80, 110, 3), noise=False)
+    rows: list[dict[str, Any]] = []
+    for name in given.only:
+        rows.append(asdict(measured(name, CASES[name], (new, far), truth)))
+        print(json.dumps(rows[-1]), flush=True)
+    for folder in given.real:
+        rows.append(real(folder, given.side))
+        print(json.dumps(rows[-1]), flush=True)
+    hg.write_json(given.out / "recovery.json", {"rows": rows, "seed": SEED, "version": hg.__version__})
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,70 @@
+"""The command `recover`: what it writes, and how it refuses."""
+
+import json
+
+import pytest
+
+import hagoromo as hg
+from hagoromo.app.cli import main
+from studies.recover_scenes import Truth, shots, simulated
+
+QUICK = ["--side", "24", "--steps", "6"]
+
+
+@pytest.fixture(scope="module")
+def capture(tmp_path_factory):
+    home = tmp_path_factory.mktemp("recover") / "capture"
+    simulated(Truth(flat=True), shots(9, 5, 60, 1, pixels=40), 1).capture.save(home)
+    return home
+
+
+@pytest.fixture(scope="module")
+def written(capture):
+    out = capture.parent / "object.zarr"
+    assert main(["recover", str(capture), "--out", str(out), *QUICK]) == 0
+    return out
+
+
+def test_it_writes_a_box_a_mesh_what_was_found_and_a_report(written):
+    import trimesh
+
+    box = hg.VolumeBox.load(written)
+    assert box.extinction == "projected" and box.bricks.kept > 0
+    assert len(trimesh.load(written.with_suffix(".ply")).faces) > 50
+    record = json.loads(written.with_suffix(".json").read_text())
+    assert record["photographs"] == 8 and len(record["kept_aside"]) == 1 and record["complete"]
+    assert record["hagoromo"]["seed"] == 0 and record["hagoromo"]["settings"]["side"] == 24
+    assert {"beta", "gamma", "n"} <= record["material"].keys()
+    page = written.with_suffix(".html").read_text()
+    assert "kept aside" in page and "PSNR" in page and "http" not in page.split("<body")[1]
+
+
+def test_a_box_is_a_scene_for_render(written, tmp_path):
+    scene = written.parent / "scene.toml"
+    scene.write_text(
+        "[camera]\nsize = [24, 24]\nfocal = [120.0, 120.0]\nprincipal = [12.0, 12.0]\neye = [0.0, -0.6, 0.0]\n"
+        f'target = [0.0, 0.0, 0.0]\n[[lamp]]\nto_lamp = [0.0, -1.0, 0.5]\n[[box]]\nfile = "{written.name}"\n'
+    )
+    assert main(["render", str(scene), "--out", str(tmp_path / "scene.exr")]) == 0
+    assert hg.read_image(tmp_path / "scene.exr").alpha.max() > 0.9
+
+
+def test_nothing_that_is_there_is_replaced_without_force(capture, written, capsys):
+    assert main(["recover", str(capture), "--out", str(written), *QUICK]) == 2
+    assert "object.zarr" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--out", "box.toml"], "ends in .zarr"),
+        (["--out", "new.zarr", "--side", "9000"], "side is 9000"),
+        (["--out", "new.zarr", "--keep", "1"], "keep is 1"),
+    ],
+)
+def test_wrong_words_end_in_one_line(capture, capsys, words, said):
+    words = [str(capture.parent / word) if "." in word else word for word in words]
+    assert main(["recover", str(capture), *words]) == 2
+    error = capsys.readouterr().err
+    assert said in error and error.count("\n") == 1
+    assert not (capture.parent / "new.zarr").exists()

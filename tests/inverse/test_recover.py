@@ -1,0 +1,171 @@
+"""Recover, on photographs of an exact shape that shares no line with its march."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import hagoromo as hg
+from hagoromo.image.relight.stage import basis_camera
+from hagoromo.recovery.export import conserving, write_mesh
+from hagoromo.recovery.recovered import score
+from studies.recover_scenes import Truth, shots, simulated
+
+SETTINGS = hg.RecoverySettings(side=32, steps=80, rays=1 << 14, keep=0)
+VOXEL = 0.0035  # m, about that of this lattice
+
+
+@pytest.fixture(scope="module")
+def taken():
+    return simulated(Truth(), shots(16, 5, 60, 1, pixels=64), 1)
+
+
+@pytest.fixture(scope="module")
+def aside():
+    """Other views, under other lamps: the second half from the side, as no photograph was taken."""
+    return simulated(Truth(), shots(4, 5, 60, 2, pixels=64), 2), simulated(Truth(), shots(4, 80, 110, 3, pixels=64), 3)
+
+
+@pytest.fixture(scope="module")
+def recovered(taken):
+    return hg.recover(taken.capture, SETTINGS)
+
+
+def mean_psnr(recovered, simulated):
+    scores = []
+    for photograph, exact in zip(simulated.capture.photographs, simulated.exact, strict=True):
+        whole = replace(photograph, values=exact.astype(np.float32), mask=np.ones(exact.shape[:2], bool))
+        scores.append(score(whole, photograph.silhouette, recovered.picture(photograph)[0]).psnr)
+    return np.mean(scores)
+
+
+def test_new_views_under_new_lamps_are_predicted(recovered, aside):
+    """Unscaled, over all pixels."""
+    assert mean_psnr(recovered, aside[0]) > 33.0
+    assert mean_psnr(recovered, aside[1]) > 31.0
+
+
+def test_the_surface_and_its_normals_are_the_true_ones(recovered, aside):
+    from hagoromo.backend import arrays
+
+    field, jit = recovered.rendering.field, arrays()
+    angles, distances = [], []
+    for normals, points in zip(aside[0].normals, aside[0].points, strict=True):
+        there = np.isfinite(normals[..., 0])
+        places = recovered.lattice.from_world(points[there])
+        at = jit.Array3f(np.ascontiguousarray(places.T, np.float32))
+        slope = np.array(field.slope_at(at)).T
+        cosine = np.einsum("ni,ni->n", slope / np.linalg.norm(slope, axis=1, keepdims=True), normals[there])
+        angles.append(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
+        distances.append(np.abs(np.array(field.distance_at(at))))
+    assert np.median(np.concatenate(angles)) < 2.5  # degrees
+    assert np.concatenate(distances).mean() < 0.35  # voxel
+
+
+def test_the_gloss_is_the_true_one(recovered):
+    """β F₀, which light determines; γ; and n, which these lamps do not, stays near what is usual."""
+    strength = recovered.beta * ((recovered.n - 1.0) / (recovered.n + 1.0)) ** 2
+    assert strength == pytest.approx(3.0 * 0.04, rel=0.35)
+    assert recovered.gamma == pytest.approx(0.15, rel=0.12)
+    material = recovered.record()["material"]
+    assert material["interval_95"]["gamma"][0] < material["gamma"] < material["interval_95"]["gamma"][1]
+    assert not material["identifiable"]["n"]
+
+
+def test_its_box_shows_through_render_what_it_shows_itself(recovered, aside):
+    response = basis_camera()
+    box, (_, dim) = recovered.box(128), conserving(recovered)
+    photograph = aside[0].capture.photographs[1]
+    camera = replace(photograph.camera, response=response, sensor=None)
+    lamps = tuple(replace(lamp, intensity=lamp.intensity / dim) for lamp in photograph.lamps)
+    image = hg.render(hg.Scene(camera, lamps, boxes=(box,)), hg.Settings(samples=4)).expose(response)
+    own, _ = recovered.picture(photograph)
+    error = np.mean((image - own) ** 2)
+    assert 10.0 * np.log10(own.max() ** 2 / error) > 36.0
+
+
+def test_the_mesh_is_closed_and_looks_outwards(recovered, tmp_path):
+    import trimesh
+
+    mesh = recovered.mesh()
+    write_mesh(tmp_path / "mesh.ply", mesh)
+    read = trimesh.load(tmp_path / "mesh.ply")
+    assert read.is_watertight and read.volume > 0.0
+    assert np.allclose(np.linalg.norm(mesh.normals, axis=1), 1.0, atol=1e-5)
+    assert np.linalg.norm(mesh.vertices, axis=1).max() < 0.06  # m
+
+
+def test_places_that_photographs_show_are_counted(recovered):
+    near = np.abs(recovered.distance) < 0.5
+    assert (recovered.evidence.seen[near] > 0).mean() > 0.8
+    assert recovered.evidence.seen[recovered.distance > 4.0].sum() == 0
+
+
+def test_without_lamps_colours_are_the_light_that_is_sent_out(taken):
+    """Fixed light that nobody knows: the light of the object is then its colour, and the result says so."""
+    dark = hg.Capture(tuple(replace(p, lamps=()) for p in taken.capture.photographs), "unlit")
+    found = hg.recover(dark, replace(SETTINGS, steps=10))
+    assert not found.lit and "unknown" in found.record()["lamps"]
+    assert found.box(40).materials[0].beta == 0.0
+
+
+def test_an_interrupt_gives_what_there_is(taken):
+    def stop(share, step=""):
+        if share > 0.3:
+            raise KeyboardInterrupt
+
+    found = hg.recover(taken.capture, replace(SETTINGS, steps=10), stop)
+    assert not found.complete and found.evidence is None and not found.record()["complete"]
+    assert (found.distance < 0.0).any()
+
+
+def with_lamps(photographs, some):
+    return [p if k in some else replace(p, lamps=()) for k, p in enumerate(photographs)]
+
+
+def moved(photographs, number):
+    """One photograph whose pose is in other units."""
+    pose = photographs[number].camera.world_to_camera.copy()
+    pose[:3, 3] *= 1000.0
+    pose[0, 3] += 300.0
+    away = replace(photographs[number], camera=photographs[number].camera.with_pose(pose), name="the odd one")
+    return [away if k == number else p for k, p in enumerate(photographs)]
+
+
+BAD = {
+    "has 2 view": lambda p: p[:2],
+    "have no lamp": lambda p: with_lamps(p, {0, 1, 2}),
+    "only darkness": lambda p: [replace(each, values=0.0 * each.values) for each in p],
+    "the odd one disagree": lambda p: moved(p, 4),
+    "the mask of photograph 'view 2' is empty": lambda p: [
+        replace(each, silhouette=each.silhouette & (k != 2)) for k, each in enumerate(p)
+    ],
+    "is not dark: give masks": lambda p: [
+        replace(each, silhouette=None, values=1.0 + each.values, mask=np.ones_like(each.mask)) for each in p
+    ],
+    "have 2 channels": lambda p: [
+        replace(each, values=each.values[..., :2], variance=each.variance[..., :2]) for each in p
+    ],
+}
+
+
+@pytest.mark.parametrize("said", BAD)
+def test_bad_photographs_end_in_one_line(taken, said):
+    photographs = BAD[said](list(taken.capture.photographs))
+    with pytest.raises(hg.InputError, match=said) as error:
+        hg.recover(hg.Capture(tuple(photographs), "bad"), SETTINGS)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(("key", "value"), [("side", 8), ("side", 4096), ("steps", 0), ("keep", 1), ("rays", 1)])
+def test_bad_settings_end_in_one_line(key, value):
+    with pytest.raises(hg.InputError, match=f"{key} is {value}"):
+        hg.RecoverySettings(**{key: value})
+
+
+def test_silhouettes_survive_a_file(taken, tmp_path):
+    """Pixels that are clipped are no hole of the silhouette."""
+    taken.capture.save(tmp_path / "capture")
+    read = hg.load_capture(tmp_path / "capture")
+    for one, other in zip(read.photographs, taken.capture.photographs, strict=True):
+        assert np.array_equal(one.silhouette, other.silhouette) and np.array_equal(one.mask, other.mask)
