@@ -39,11 +39,6 @@ def _module(name: str, *arguments: str) -> tuple[str, ...]:
 
 
 STUDIES: dict[str, Study] = {
-    "recover": Study(
-        "a glossy object recovered from simulated photographs of many views, against views and lamps kept aside",
-        "a quarter of an hour",
-        (_module("recovery", "--out", "out/recovery"),),
-    ),
     "real": Study(
         "every real photograph of six objects, predicted from the eleven others",
         "minutes",
@@ -64,6 +59,11 @@ STUDIES: dict[str, Study] = {
             ),
             _module("relit_limits", f"{DATA}/uw_psm", "--shrink", "4", "--out", "out/relit_limits", "--force"),
         ),
+    ),
+    "recover": Study(
+        "a glossy object recovered from simulated photographs of many views, against views and lamps kept aside",
+        "a quarter of an hour",
+        (_module("recovery", "--out", "out/recovery"),),
     ),
     "lamps": Study(
         "how far readings of the same real lamps agree: of a mirror ball, of a grey ball, of the objects themselves",

@@ -184,7 +184,7 @@ def test_the_wheel_runs_where_it_is_installed(dist, tmp_path):
     """)
     shown = subprocess.run([python, "-c", code], cwd=tmp_path, env=environment, capture_output=True, check=True)
     paths = shown.stdout.decode("utf-8").splitlines()
-    assert len(paths) == 8 and all(Path(path).is_relative_to(own) for path in paths)
+    assert len(paths) == 9 and all(Path(path).is_relative_to(own) for path in paths)
 
 
 def test_the_conda_recipe_asks_for_what_the_package_asks_for():
