@@ -82,14 +82,15 @@ def check_all_show_it(
 
 def without_crumbs(distance: NDArray[np.floating]) -> NDArray[np.floating]:
     """The distance without parts that are much smaller than the largest one: clouds that no photograph forbids."""
-    parts, count = ndimage.label(distance < 0.0)
-    if count < 2:
+    from skimage.measure import label
+
+    parts = np.asarray(label(distance < 0.0, connectivity=1))
+    sizes = np.bincount(parts.ravel())[1:]
+    if len(sizes) < 2:
         return distance
-    sizes = np.bincount(np.ravel(parts))[1:]
     small = np.flatnonzero(sizes < CRUMB * sizes.max()) + 1
-    near = ndimage.binary_dilation(np.isin(parts, small), iterations=2) & ~np.isin(
-        parts, np.setdiff1d(np.arange(1, count + 1), small)
-    )
+    crumbs = np.isin(parts, small)
+    near = (way_to(crumbs) <= 2.0) & ~((parts > 0) & ~crumbs)
     return np.where(near, np.maximum(np.abs(distance), 1.0), distance)
 
 

@@ -13,11 +13,11 @@ from scipy import ndimage
 from hagoromo.errors import InputError
 from hagoromo.files.memory import require
 from hagoromo.photograph.capture import Capture, load_capture
-from hagoromo.photograph.photograph import Photograph
 from hagoromo.progress import Progress, part_of, silent
 from hagoromo.recovery.descent import Descent
 from hagoromo.recovery.distance_field import COLOURS, DistanceField
 from hagoromo.recovery.evidence import evidence_of
+from hagoromo.recovery.given import check_lamps, check_not_cut, checked, kept_aside
 from hagoromo.recovery.hull import box_of, check_all_show_it, hull_distance, redistanced, without_crumbs
 from hagoromo.recovery.lamp_table import LampTable
 from hagoromo.recovery.lattice import Lattice
@@ -28,7 +28,6 @@ from hagoromo.recovery.views import CHUNK, Pixels, View
 
 COARSEST = 32  # nodes along the longest edge of the first level
 LEAST_SIDE, LARGEST_SIDE = 16, 512  # nodes along the longest edge
-LEAST_VIEWS = 3
 FOOTPRINT = 2.5  # pixels of a voxel's edge, at least, that pixels are not joined for
 MODEL_ERROR, LAST_MODEL_ERROR = 0.02, 0.01  # relative error of the model, of coarse levels and of the last one
 SOFTNESS, LAST_SOFTNESS = (1.0, 0.33), (0.6, 0.2)  # s at begin and end of a level, and of the last one [voxel]
@@ -79,6 +78,7 @@ def recover(
     taken = capture if isinstance(capture, Capture) else load_capture(capture)
     photographs = checked(taken)
     silhouettes, stated = silhouettes_of(photographs)
+    check_not_cut(photographs, silhouettes)
     aside = kept_aside(len(photographs), settings.keep)
     used = tuple(View(p, s, stated) for p, s, out in zip(photographs, silhouettes, aside, strict=True) if not out)
     progress(0.0, "hull")
@@ -110,41 +110,12 @@ def recover(
     )  # fmt: skip
 
 
-def kept_aside(count: int, keep: int) -> list[bool]:
-    """Whether each photograph is kept aside: every `keep`-th, if enough are left."""
-    aside = [keep > 0 and k % keep == keep - 1 for k in range(count)]
-    return aside if count - sum(aside) >= LEAST_VIEWS else [False] * count
-
-
 def sides(finest: int) -> list[int]:
     """Nodes along the longest edge of all levels: each has voxels of half the edge of the one before."""
     levels = [finest]
     while (levels[0] + 1) // 2 >= COARSEST:
         levels.insert(0, (levels[0] + 1) // 2)
     return levels
-
-
-def checked(capture: Capture) -> tuple[Photograph, ...]:
-    """The photographs of a capture that can be recovered from; `InputError` for what cannot."""
-    photographs = capture.photographs
-    places = {p.camera.world_to_camera.tobytes() for p in photographs}
-    if len(places) < LEAST_VIEWS:
-        raise InputError(
-            f"capture {capture.name!r} has {len(places)} view(s): recover needs photographs from {LEAST_VIEWS} places "
-            "at least; `measure` takes one view under many lamps"
-        )
-    channels = {p.values.shape[2] for p in photographs} - {1, COLOURS}
-    if channels:
-        raise InputError(f"photographs have {channels.pop()} channels: recover takes one or three")
-    lit = [bool(p.lamps) for p in photographs]
-    if any(lit) and not all(lit):
-        dark = [p.name for p in photographs if not p.lamps]
-        raise InputError(
-            f"{len(dark)} of {len(lit)} photographs have no lamp ({dark[0]}): give lamps to all or to none"
-        )
-    if not any(p.mask.any() and float(p.values[p.mask].max(initial=0.0)) > 0.0 for p in photographs):
-        raise InputError("the photographs hold only darkness or clipped pixels: nothing can be recovered")
-    return photographs
 
 
 class _State(NamedTuple):
@@ -169,6 +140,7 @@ def _begun(
         hull = hull_distance(photographs, [v.share for v in views], lattice, views[0].stated)
         if views[0].stated:
             check_all_show_it(photographs, [v.share for v in views], lattice, hull)
+        check_lamps(photographs, lattice, hull)
         field, gloss = DistanceField(redistanced(hull), np.full((*lattice.shape, COLOURS), 0.4)), coordinates(*START)
     else:
         field = finer(before.descent.field, before.lattice, lattice)

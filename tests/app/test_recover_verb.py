@@ -30,7 +30,7 @@ def test_it_writes_a_box_a_mesh_what_was_found_and_a_report(written):
 
     box = hg.VolumeBox.load(written)
     assert box.extinction == "projected" and box.bricks.kept > 0
-    assert len(trimesh.load(written.with_suffix(".ply")).faces) > 50
+    assert len(trimesh.load_mesh(written.with_suffix(".ply")).faces) > 50
     record = json.loads(written.with_suffix(".json").read_text())
     assert record["photographs"] == 8 and len(record["kept_aside"]) == 1 and record["complete"]
     assert record["hagoromo"]["seed"] == 0 and record["hagoromo"]["settings"]["side"] == 24

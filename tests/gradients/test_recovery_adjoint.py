@@ -108,7 +108,9 @@ def test_by_distances_it_is_that_of_central_differences(scene, gradient):
 def test_by_colours_it_is_that_of_central_differences(scene, gradient):
     change = np.random.default_rng(6).normal(size=SIDE**3 * COLOURS)
     found = differences(scene, np.zeros(SIDE**3), change)
-    assert gradient[1] @ change == pytest.approx(found, rel=2e-3, abs=1e-3 * np.linalg.norm(gradient[1] * change))
+    assert gradient[1] @ change == pytest.approx(
+        found, rel=2e-3, abs=1e-3 * float(np.linalg.norm(gradient[1] * change))
+    )
 
 
 def test_a_gradient_of_twice_the_weights_is_twice_as_large(scene, gradient):

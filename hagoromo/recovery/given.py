@@ -1,0 +1,89 @@
+"""Given: what a capture must hold for a recovery; each fault is one line that says what to do."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.errors import InputError
+from hagoromo.photograph.capture import Capture
+from hagoromo.photograph.photograph import Photograph
+from hagoromo.recovery.distance_field import COLOURS
+from hagoromo.recovery.lattice import Lattice
+
+LEAST_VIEWS = 3
+MOST_CUT = 0.5  # share of the photographs that may cut the object at their edge
+LEAST_ANGLE = 2.0  # ° between the directions of two lamps at least
+DEEP = -2.0  # [voxel] of the hull: a lamp that is deeper stands in the object
+
+
+def checked(capture: Capture) -> tuple[Photograph, ...]:
+    """The photographs of a capture that can be recovered from; `InputError` for what cannot."""
+    photographs = capture.photographs
+    places = {p.camera.world_to_camera.tobytes() for p in photographs}
+    if len(places) < LEAST_VIEWS:
+        raise InputError(
+            f"capture {capture.name!r} has {len(places)} view(s): recover needs photographs from {LEAST_VIEWS} places "
+            "at least; `measure` takes one view under many lamps"
+        )
+    channels = {p.values.shape[2] for p in photographs} - {1, COLOURS}
+    if channels:
+        raise InputError(f"photographs have {channels.pop()} channels: recover takes one or three")
+    lit = [bool(p.lamps) for p in photographs]
+    if any(lit) and not all(lit):
+        dark = [p.name for p in photographs if not p.lamps]
+        raise InputError(
+            f"{len(dark)} of {len(lit)} photographs have no lamp ({dark[0]}): give lamps to all or to none"
+        )
+    if not any(p.mask.any() and float(p.values[p.mask].max(initial=0.0)) > 0.0 for p in photographs):
+        raise InputError("the photographs hold only darkness or clipped pixels: nothing can be recovered")
+    return photographs
+
+
+def kept_aside(count: int, keep: int) -> list[bool]:
+    """Whether each photograph is kept aside: every `keep`-th, if enough are left."""
+    aside = [keep > 0 and k % keep == keep - 1 for k in range(count)]
+    return aside if count - sum(aside) >= LEAST_VIEWS else [False] * count
+
+
+def check_not_cut(photographs: Sequence[Photograph], silhouettes: Sequence[NDArray[np.bool_]]) -> None:
+    """`InputError` where most photographs show a part of the object only."""
+    cut = [
+        p.name
+        for p, s in zip(photographs, silhouettes, strict=True)
+        if s[0].any() or s[-1].any() or s[:, 0].any() or s[:, -1].any()
+    ]
+    if len(cut) > MOST_CUT * len(photographs):
+        raise InputError(
+            f"{len(cut)} of {len(photographs)} photographs cut the object at their edge ({cut[0]}, …): recover needs "
+            "the whole object in most of them, with background around it"
+        )
+
+
+def check_lamps(photographs: Sequence[Photograph], lattice: Lattice, hull: NDArray[np.floating]) -> None:
+    """`InputError` for a lamp in the object, and where all lamps stand in one direction. hull: see `hull_distance`."""
+    directions = []
+    for photograph in photographs:
+        for lamp in photograph.lamps:
+            offset = lamp.place - lattice.middle if lamp.near else lamp.place
+            directions.append(offset / max(float(np.linalg.norm(offset)), 1e-12))
+            if lamp.near and _inside(lamp.place, lattice, hull):
+                where = ", ".join(f"{x:.4g}" for x in lamp.place)
+                raise InputError(
+                    f"the lamp of photograph {photograph.name!r} at ({where}) m stands in the object: check its "
+                    "position and its units [m]"
+                )
+    if directions and (np.stack(directions) @ directions[0]).min() > np.cos(np.radians(LEAST_ANGLE)):
+        raise InputError(
+            f"all {len(directions)} lamps stand in one direction, within {LEAST_ANGLE:g}°: give lamps from other "
+            "sides, or leave all lamps out to recover the object under fixed light"
+        )
+
+
+def _inside(place: NDArray[np.floating], lattice: Lattice, hull: NDArray[np.floating]) -> bool:
+    at = np.rint(lattice.from_world(place)).astype(int)[::-1]
+    if (at < 0).any() or (at >= np.array(lattice.shape)).any():
+        return False
+    return bool(hull[tuple(at)] < DEEP)
