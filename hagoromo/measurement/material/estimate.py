@@ -47,15 +47,16 @@ from hagoromo.measurement.material.uncertainty import (
     intervals_of,
     intervals_of_hidden,
     is_identifiable,
+    remarks_on_unknown,
     values_at,
     with_open_strength,
 )
 from hagoromo.measurement.observations import Observations
 from hagoromo.measurement.parameters import LOG_N1, STRENGTH, TAIL, channels_of, colour_slice
-from hagoromo.measurement.robust_fit import GAMMA_RANGE, N_RANGE, minimise
+from hagoromo.measurement.robust_fit import minimise
 from hagoromo.measurement.sight import Array
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
-from hagoromo.reflectance.parameters import ROWS
+from hagoromo.reflectance.parameters import GLOSS, OPEN_GLOSS
 
 WIDENED = "errors and intervals are wider by how far the highlight and the body are from the model"
 HIDDEN = (
@@ -140,9 +141,7 @@ def _glossy(observations: Observations, chosen: ChosenFit, name: str, pixels: in
     if is_hidden(fit):
         remarks.append(HIDDEN)
     remarks += model_remarks(chosen.tails, chosen.coloured, chosen.model, intervals["nu"][0], chosen.failure)
-    unknown = [key for key in ("alpha", "beta", "gamma") if not identifiable[key]]
-    if unknown:
-        remarks.append(f"not identifiable from these photographs: {', '.join(unknown)}")
+    remarks += remarks_on_unknown(identifiable)
     return MaterialEstimate(
         name,
         pixels,
@@ -165,10 +164,7 @@ def _matte(fitted: Fitted, tested: LackOfFit | None, name: str, pixels: int, n: 
     sweep, values = sweep_of_gloss(fit, n), values_at(fit.theta)
     intervals: dict[str, Any] = {
         "alpha": tuple(max(bound, 0.0) for bound in swept_interval(sweep, alpha)),
-        "beta": (0.0, math.inf),
-        "gamma": GAMMA_RANGE,
-        "n": N_RANGE if n is None else (n, n),
-        "nu": ROWS["nu"].fit.range,
+        **(OPEN_GLOSS if n is None else OPEN_GLOSS | {"n": (n, n)}),
         "specular_albedo": (0.0, min(swept_interval(sweep, albedo)[1], 1.0)),
         "body_colour": tuple(swept_interval(sweep, body_colour(channel)) for channel in range(c)),
     }
@@ -176,11 +172,10 @@ def _matte(fitted: Fitted, tested: LackOfFit | None, name: str, pixels: int, n: 
     return MaterialEstimate(
         name,
         pixels,
-        standard_error=errors_of(fit, values, intervals) | dict.fromkeys(("beta", "gamma", "n", "specular_albedo")),
+        standard_error=errors_of(fit, values, intervals) | dict.fromkeys((*GLOSS, "specular_albedo")),
         interval_95=intervals,
         correlation=correlation_of(fit),
-        identifiable=dict.fromkeys(("beta", "gamma", "n", "nu", "interface_colour"), False)
-        | {"alpha": alpha_identifiable},
+        identifiable=dict.fromkeys((*GLOSS, "interface_colour"), False) | {"alpha": alpha_identifiable},
         chi_square=fit.residuals.chi_square,
         remarks=(
             *_remarks(fitted, tested),
@@ -196,7 +191,7 @@ def _matte(fitted: Fitted, tested: LackOfFit | None, name: str, pixels: int, n: 
 def _with_wide(chosen: ChosenFit, intervals: dict[str, Any]) -> dict[str, Any]:
     """`intervals` with those of ν and the interface colour of the wide fit, where the chosen one has none."""
     wide, c = chosen.wide.fit, channels_of(chosen.wide.fit.theta)
-    missing: dict[str, Any] = {"nu": ROWS["nu"].fit.range}
+    missing: dict[str, Any] = {"nu": OPEN_GLOSS["nu"]}
     if wide.free[TAIL]:
         missing["nu"] = (1.0 / largest_tail(wide), math.inf)
     if c == 1:

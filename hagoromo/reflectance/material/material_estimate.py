@@ -15,12 +15,12 @@ from hagoromo.light.spectrum import Spectrum, smooth_rgb_basis
 from hagoromo.reflectance.body import RoughBody, diffuse_albedo_ratio
 from hagoromo.reflectance.element import Element
 from hagoromo.reflectance.material.material_html import decimals, materials_html
-from hagoromo.reflectance.parameters import FITTED_BODY_LAW, ROWS, BodyLaw
+from hagoromo.reflectance.parameters import FITTED_BODY_LAW, ROWS, STATED, BodyLaw
 from hagoromo.reflectance.reflectance import LARGEST_GAMMA, SMALLEST_GAMMA, Reflectance
 from hagoromo.reflectance.spectra.reflectance_prior import ReflectancePrior
 from hagoromo.reflectance.spectra.spectrum_estimate import Reading, SpectrumEstimate, reflectance_spectrum
 
-PARAMETERS = ("alpha", "beta", "gamma", "n")  # in the order of the correlation matrix
+PARAMETERS = STATED  # in the order of the correlation matrix
 WORST_SEPARATION = 1e6  # condition number of the matrix from weights of a spectrum to a camera's channels
 LONGEST_PRINTED_NAME = 40  # characters of a name that `repr` shows
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from markupsafe import Markup, escape
 
-from hagoromo.reflectance.parameters import FITTED_BODY_LAW, MEASURED, ROWS
+from hagoromo.reflectance.parameters import FITTED_BODY_LAW, MEASURED, OF_LOBES, ROWS
 
 if TYPE_CHECKING:
     from hagoromo.reflectance.material.material_estimate import MaterialEstimate
@@ -46,7 +46,7 @@ def _lobe_rows(material: MaterialEstimate) -> list[list[str]]:
     rows = []
     errors, bounds = (getattr(material, key).get("lobes", ()) for key in ("standard_error", "interval_95"))
     for k, lobe in enumerate(material.lobes):
-        for part, parameter in enumerate((ROWS["beta"], ROWS["gamma"])):
+        for part, parameter in enumerate(ROWS[key] for key in OF_LOBES):
             error = errors[k][part] if k < len(errors) else None
             digits = decimals(error)
             low, high = bounds[k][part] if k < len(bounds) else (0.0, math.inf)
