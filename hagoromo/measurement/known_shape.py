@@ -26,9 +26,9 @@ from hagoromo.measurement.material.segment import interior, segment
 from hagoromo.measurement.material.separation import Separation, separated
 from hagoromo.measurement.measurement import Measurement
 from hagoromo.measurement.observations import Observations, known_shape, observe, shape
+from hagoromo.measurement.parameters import N_RANGE
 from hagoromo.measurement.photometric.term import CaptureTerms, Term
 from hagoromo.measurement.photometric.term_fit import Profile, fit_terms
-from hagoromo.measurement.robust_fit import N_RANGE
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.progress import Progress, silent

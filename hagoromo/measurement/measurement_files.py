@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -14,7 +13,7 @@ from hagoromo.files.checks import inside
 from hagoromo.files.exr import read_exr, write_exr
 from hagoromo.files.png import write_png
 from hagoromo.files.record import ForeignRecord, about, decode, read_json, write_json, written_by
-from hagoromo.measurement.gloss.gloss_map import GlossMap, with_tails
+from hagoromo.measurement.gloss.gloss_map import GLOSS_CHANNELS, TAIL_CHANNELS, gloss_from_channels, with_tails
 from hagoromo.measurement.material.body_map import BodyMap
 from hagoromo.measurement.material.body_spectra import read_body_spectra, write_body_spectra
 from hagoromo.measurement.material.separation import Separation, write_separation
@@ -29,8 +28,6 @@ from hagoromo.photograph.rig import Rig
 from hagoromo.reflectance.material.materials_file import MaterialRecord, write_materials
 
 FULL_COLOUR_DEVIATIONS = 5.0  # standard deviations at which the picture of a residual is fully red or blue
-GLOSS_CHANNELS = ("beta", "gamma", "error.beta", "error.gamma")  # channels of gloss.exr
-TAIL_CHANNELS = ("nu", "error.nu")  # further ones, where facets have tails: ν is 0 for Gaussian ones
 VARIANCE_CHANNELS = ("normal", "distance")  # channels of variance.exr
 UNKNOWN_VARIANCE = np.finfo(np.float32).max  # stands in variance.exr for an infinite one; older files have infinity
 ASSUMPTIONS, RIG = "assumptions.json", "rig.json"
@@ -178,17 +175,10 @@ def _read_body(home: Path, surface: MeasuredSurface) -> BodyMap | None:
     maps = read_maps(inside(home, "gloss.exr"), GLOSS_CHANNELS, surface)
     gloss = None
     if maps is not None:
-        has_gloss = maps[0] > 0.0
-        beta, gamma, beta_error, gamma_error = (np.where(has_gloss, one, np.nan).astype(np.float64) for one in maps)
-        errors = np.full(value.shape, np.nan) if error is None else error
-        gloss = GlossMap(beta, gamma, beta_error, gamma_error, value, errors)
         tails = read_maps(inside(home, "gloss.exr"), TAIL_CHANNELS, surface, optional=True)
+        gloss = gloss_from_channels(maps, tails, value, error)
         if tails is None:
             gloss = with_tails(gloss, surface.materials, surface.labels)
-        else:
-            nu = np.where(has_gloss, np.where(tails[0] > 0.0, tails[0], np.inf), np.nan).astype(np.float64)
-            nu_error = np.where(np.isfinite(nu) & (tails[1] > 0.0), tails[1], np.nan).astype(np.float64)
-            gloss = replace(gloss, nu=nu, nu_error=nu_error)
     return BodyMap(value, error, surface.materials, surface.labels, gloss=gloss)
 
 

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
-from hagoromo.reflectance.facets import HALF_OF_GGX
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
+from hagoromo_formats.scenes.pbr import roughness_of
 from hagoromo_page.publication.lit import three_channels
 from hagoromo_page.publication.surface_maps import SurfaceMaps
 
@@ -66,7 +66,7 @@ def roughness(material: MaterialEstimate) -> float:
     """
     if material.beta <= 0.0:
         return 1.0
-    return float(np.clip(np.sqrt(np.tan(min(material.gamma, 1.5)) / HALF_OF_GGX), 0.02, 1.0))
+    return float(np.clip(roughness_of(material.gamma), 0.02, 1.0))
 
 
 def albedo_map(maps: SurfaceMaps) -> Array:

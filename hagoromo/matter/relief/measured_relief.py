@@ -19,8 +19,9 @@ from hagoromo.errors import InputError
 from hagoromo.files.checks import inside
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.matter.relief.relief import Relief
+from hagoromo.measurement.gloss.gloss_map import GLOSS_CHANNELS, TAIL_CHANNELS
 from hagoromo.measurement.measured_surface import read_surface
-from hagoromo.measurement.measurement_files import GLOSS_CHANNELS, TAIL_CHANNELS, read_maps
+from hagoromo.measurement.measurement_files import read_maps
 from hagoromo.reflectance.facets import GAUSSIAN, LEAST_NU
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
 from hagoromo.reflectance.reflectance import NEUTRAL, Reflectance
@@ -64,11 +65,7 @@ def surface_reflectances(
         coloured = len(set(material.interface_colour)) > 1  # otherwise it has the lamp's colour
         interface = _on_basis(material.interface_colour, basis) if coloured else NEUTRAL
         colours = _on_basis(material.body_colour, basis), interface
-        weights, shape = (material.alpha * dim, material.beta * dim), (material.gamma, material.n)
-        lobes = tuple((beta * dim, gamma) for beta, gamma in material.lobes)
-        law = material.body_law.body_departures
-        made = Reflectance(*weights, *shape, *colours, "plane", material.name, material.nu, lobes, **law)
-        reflectances.append(made)
+        reflectances.append(material.with_spectra(*colours, factor=dim))
     return reflectances
 
 

@@ -16,8 +16,8 @@ from hagoromo.measurement.gloss.gloss_law import deviance
 from hagoromo.measurement.gloss.pixel_gloss import PixelGlossFit
 from hagoromo.measurement.material.estimate import PRIOR_N
 from hagoromo.measurement.material.uncertainty import RELATIVE_LIMIT
+from hagoromo.measurement.parameters import N_RANGE
 from hagoromo.measurement.photometric.gloss_posterior import GlossLaw, PixelGloss
-from hagoromo.measurement.robust_fit import N_RANGE
 from hagoromo.measurement.sight import Array
 
 FEWEST_PIXELS = 10  # informative pixels

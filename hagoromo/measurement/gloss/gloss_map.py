@@ -24,7 +24,11 @@ from hagoromo.measurement.photometric.gloss_posterior import PixelGloss
 from hagoromo.measurement.sight import Array
 from hagoromo.photograph.capture import Capture
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
+from hagoromo.reflectance.parameters import OF_LOBES
 
+Channel = NDArray[np.floating]
+GLOSS_CHANNELS = (*OF_LOBES, *(f"error.{key}" for key in OF_LOBES))  # channels of gloss.exr
+TAIL_CHANNELS = ("nu", "error.nu")  # further ones, where facets have tails: ν is 0 for Gaussian ones
 FEWEST_PHOTOGRAPHS = 6  # β, γ and a body colour need three angles per pixel: fewer lamps give them to a few pixels
 MOST_VALUES = 1_000_000  # solved at once: 0.5 GiB
 SEED = 0  # of the random choice of pixels from which the spread is estimated
@@ -59,12 +63,24 @@ class GlossMap:
 
     def channels(self) -> dict[str, NDArray[np.float32]]:
         """The channels of an EXR: 0 where unknown; `nu`, where a material has tails, is 0 for Gaussian facets."""
-        maps = {
-            "beta": self.beta, "gamma": self.gamma, "error.beta": self.beta_error, "error.gamma": self.gamma_error,
-        }  # fmt: skip
+        maps = dict(zip(GLOSS_CHANNELS, (self.beta, self.gamma, self.beta_error, self.gamma_error), strict=True))
         if self.nu is not None and self.nu_error is not None:
-            maps |= {"nu": self.nu, "error.nu": self.nu_error}
+            maps |= zip(TAIL_CHANNELS, (self.nu, self.nu_error), strict=True)
         return {name: np.where(np.isfinite(one), one, 0.0).astype(np.float32) for name, one in maps.items()}
+
+
+def gloss_from_channels(
+    maps: Sequence[Channel], tails: Sequence[Channel] | None, body: Array, body_error: Array | None
+) -> GlossMap:
+    """The maps whose `channels` are GLOSS_CHANNELS and, with tails, TAIL_CHANNELS; body: α c_b (h, w, C)."""
+    has_gloss = maps[0] > 0.0
+    beta, gamma, beta_error, gamma_error = (np.where(has_gloss, one, np.nan).astype(np.float64) for one in maps)
+    errors = np.full(body.shape, np.nan) if body_error is None else body_error
+    found = GlossMap(beta, gamma, beta_error, gamma_error, body, errors)
+    if tails is None:
+        return found
+    nu = np.where(has_gloss, np.where(tails[0] > 0.0, tails[0], np.inf), np.nan).astype(np.float64)
+    return replace(found, nu=nu, nu_error=np.where(np.isfinite(nu) & (tails[1] > 0.0), tails[1], np.nan).astype(float))
 
 
 def gloss_map(
@@ -89,7 +105,7 @@ def gloss_map(
             _fill(maps, capture, pixels, spread, LobeShape.of(material), white)
         else:
             index = pixels.rows, pixels.columns
-            for key in ("beta", "gamma"):
+            for key in OF_LOBES:
                 getattr(maps, key)[index] = getattr(material, key)
                 getattr(maps, f"{key}_error")[index] = material.standard_error.get(key) or np.nan
     return updated, with_tails(maps, updated, labels)
@@ -148,7 +164,7 @@ def _fill(
     index = pixels.rows, pixels.columns
     mean = np.exp(spread.law.mean) * (spread.beta_per_strength, 1.0)
     error = mean * np.sqrt(np.diag(spread.law.covariance) + spread.variance_by_n)
-    for k, key in enumerate(("beta", "gamma")):
+    for k, key in enumerate(OF_LOBES):
         getattr(maps, key)[index], getattr(maps, f"{key}_error")[index] = mean[k], error[k]
     values = len(capture.photographs) * maps.body.shape[2]
     size = max(MOST_VALUES // values, 1)

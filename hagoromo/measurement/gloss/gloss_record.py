@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -12,14 +13,15 @@ from hagoromo.measurement.gloss.gloss_spread import DECISIVE_LOG_ODDS, GlossSpre
 from hagoromo.measurement.material.quantity import log_albedo
 from hagoromo.measurement.parameters import pack_theta
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
+from hagoromo.reflectance.parameters import OF_LOBES, ROWS
 
 
 def with_gloss(material: MaterialEstimate, spread: GlossSpread) -> MaterialEstimate:
     """`material` with the record of its gloss; if that varies, with its mean as β, γ and n, and a remark."""
-    by_beta, by_gamma = spread.spread.tolist()
+    variation = spread.spread.tolist()
     record: dict[str, Any] = {
         "per_pixel": spread.varies,
-        "variation": {"beta": by_beta, "gamma": by_gamma},
+        "variation": dict(zip(OF_LOBES, variation, strict=True)),
         "log_evidence": spread.log_evidence,
         "chi_square": {"shared": spread.chi_square[0], "per_pixel": spread.chi_square[1]},
     }
@@ -37,11 +39,15 @@ def with_gloss(material: MaterialEstimate, spread: GlossSpread) -> MaterialEstim
         return replace(material, gloss=record, remarks=(*material.remarks, remark))
     if not spread.varies:
         return replace(material, gloss=record)
-    remark = (
-        f"the gloss varies from pixel to pixel (β by {100 * by_beta:.2g} %, γ by {100 * by_gamma:.2g} %, ln odds "
-        f"{spread.log_evidence:.3g}): it was estimated per pixel; beta and gamma are its geometric means"
-    )
+    remark = remark_on_variation(variation, f", ln odds {spread.log_evidence:.3g}")
     return replace(_with_middle(material, spread), gloss=record, remarks=(*material.remarks, remark))
+
+
+def remark_on_variation(variation: Sequence[float], more: str) -> str:
+    """One line for a gloss that varies; variation: standard deviations of ln β and ln γ over the pixels."""
+    by = ", ".join(f"{ROWS[key].symbol} by {100 * one:.2g} %" for key, one in zip(OF_LOBES, variation, strict=True))
+    means = f"{' and '.join(OF_LOBES)} are its geometric means"
+    return f"the gloss varies from pixel to pixel ({by}{more}): it was estimated per pixel; {means}"
 
 
 def unsettled_remarks(spread: GlossSpread) -> list[str]:

@@ -19,8 +19,8 @@ from hagoromo.measurement.gloss.gloss_law import covariance_of_mean, deviance, l
 from hagoromo.measurement.gloss.lobes import LobeShape
 from hagoromo.measurement.gloss.pixel_gloss import PixelGlossFit
 from hagoromo.measurement.observations import Observations
+from hagoromo.measurement.parameters import GAMMA_RANGE
 from hagoromo.measurement.photometric.gloss_posterior import GlossLaw, PixelGloss
-from hagoromo.measurement.robust_fit import GAMMA_RANGE
 from hagoromo.measurement.sight import Array
 
 FEWEST_PIXELS = 30

@@ -27,8 +27,16 @@ from hagoromo.measurement.material.quantity import (
     log_beta,
 )
 from hagoromo.measurement.material.sandwich import MaterialFit
-from hagoromo.measurement.parameters import LOG_GAMMA, LOG_N1, TAIL, channels_of, colour_slice, unpack_theta
-from hagoromo.measurement.robust_fit import GAMMA_RANGE, N_RANGE
+from hagoromo.measurement.parameters import (
+    GAMMA_RANGE,
+    LOG_GAMMA,
+    LOG_N1,
+    N_RANGE,
+    TAIL,
+    channels_of,
+    colour_slice,
+    unpack_theta,
+)
 from hagoromo.measurement.sight import Array
 from hagoromo.reflectance.parameters import STATED
 

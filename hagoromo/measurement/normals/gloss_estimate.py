@@ -31,13 +31,13 @@ from hagoromo.measurement.normals.shading import EXPONENT, SIGMA, TAIL, N
 from hagoromo.measurement.normals.views import Array
 from hagoromo.measurement.parameters import (
     LOG_GAMMA,
+    N_RANGE,
     STRENGTH,
     channels_of,
     colour_slice,
     pack_theta,
 )
 from hagoromo.measurement.parameters import TAIL as TAIL_OF_THETA
-from hagoromo.measurement.robust_fit import N_RANGE
 from hagoromo.photograph.capture import Capture
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
 from hagoromo.reflectance.parameters import ROWS

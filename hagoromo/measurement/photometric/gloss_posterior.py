@@ -13,7 +13,7 @@ from typing import Generic, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.measurement.robust_fit import GAMMA_RANGE
+from hagoromo.measurement.parameters import GAMMA_RANGE
 from hagoromo.measurement.sight import Array
 
 SMALLEST_SPREAD = 1e-4  # standard deviation added to a law, so that its covariance can be inverted

@@ -125,12 +125,19 @@ class MaterialEstimate(RoughBody):
         interface = Spectrum.constant(1.0)
         if len(set(self.interface_colour)) > 1:
             interface = self._spectrum("interface", self.interface_colour, response, lamp_spectrum)
-        element, law, alpha = element or self.element, self.body_law, self.alpha
+        return self.with_spectra(body, interface, element or self.element)
+
+    def with_spectra(
+        self, body: Spectrum, interface: Spectrum, element: Element = "plane", factor: float = 1.0
+    ) -> Reflectance:
+        """The reflectance with these colours, its weights α and β times `factor`: see `reflectance`."""
+        law, alpha, lobes = self.body_law, self.alpha, tuple((beta * factor, width) for beta, width in self.lobes)
         if element != "plane" and not law.has_lambert_body:
             alpha, law = alpha * diffuse_albedo_ratio(law), BodyLaw()
-        numbers = alpha, self.beta, self.gamma, self.n
-        more = self.nu, self.lobes
-        return Reflectance(*numbers, body, interface, element, self.name, *more, **law.body_departures)
+        numbers = {**{key: getattr(self, key) for key in STATED}, "alpha": alpha * factor, "beta": self.beta * factor}
+        shape = {"nu": self.nu, "lobes": lobes} | law.body_departures
+        named = {"body_colour": body, "interface_colour": interface, "element": element, "name": self.name}
+        return Reflectance(**numbers, **named, **shape)
 
     def _spectrum(
         self, part: str, colour: tuple[float, ...], response: Response | None, lamp_spectrum: Spectrum | None
