@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from tyro.conf import Positional
 
 import hagoromo as hg
-from hagoromo.app.scheduler_options import HERE, Scheduler
+from hagoromo.app.shared_options import HERE, Scheduler
 from hagoromo.cluster.mapped import here_or_on
 from hagoromo.files.cache import key_of
 from hagoromo.files.resumable import resumable_folder

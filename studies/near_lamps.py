@@ -16,7 +16,7 @@ import numpy as np
 import tyro
 
 import hagoromo as hg
-from hagoromo.app.scheduler_options import HERE, Scheduler
+from hagoromo.app.shared_options import HERE, Scheduler
 from hagoromo.cluster.mapped import mapped
 from studies.near_rig import SURFACE_DISTANCE, Look, Rig, read_rig, ring_rig, simulate, sphere, waves
 

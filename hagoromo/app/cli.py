@@ -28,13 +28,11 @@ from hagoromo.app import capture_verb as capture_verb
 from hagoromo.app import recipes_verb as recipes_verb
 from hagoromo.app import spectra_verb as spectra_verb
 from hagoromo.app.calibrations import calibrations
-from hagoromo.app.everywhere import HELP, Everywhere, everywhere, taken
+from hagoromo.app.everywhere import HELP, Everywhere, everywhere, give_up_streams, printable_streams, taken
 from hagoromo.app.interrupt import exit_status, signals_as_interrupt, wait_for_kernels
 from hagoromo.app.progress_bar import progress_bar
 from hagoromo.app.render_verb import render
-from hagoromo.app.scheduler_options import HERE, Scheduler
-from hagoromo.app.sensor_options import AS_STATED, Sensor
-from hagoromo.app.streams import give_up_streams, printable_streams
+from hagoromo.app.shared_options import AS_STATED, HERE, Scheduler, Sensor
 from hagoromo.app.verb import Force, Out, load_verbs, say, verb, verbs, wrote
 from hagoromo.app.written import picture_or_film, with_picture
 from hagoromo.errors import InputError
@@ -358,7 +356,7 @@ def batch(
         recipe: batch TOML: its steps, and the captures that they are repeated for.
         dry_run: only say what would be done.
     """
-    from hagoromo.app.batch.table import summary, table
+    from hagoromo.app.batch.batch import summary, table
 
     with progress_bar("batch") as progress:
         outcomes = hg.batch(recipe, out, scheduler=scheduler.chosen, dry_run=dry_run, force=force, progress=progress)

@@ -10,7 +10,7 @@ from tyro.conf import Positional
 
 import hagoromo as hg
 from hagoromo.app.progress_bar import progress_bar
-from hagoromo.app.scheduler_options import HERE, Scheduler
+from hagoromo.app.shared_options import HERE, Scheduler
 from hagoromo.app.verb import Force, Out, say, wrote
 from hagoromo.app.written import with_picture
 from hagoromo.errors import InputError

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import hagoromo as hg
-from hagoromo.app.ball_picture import LAMP, OUTLINE, ball_picture
+from hagoromo.app.calibration_pictures import LAMP, OUTLINE, ball_picture
 from hagoromo.calibration.lamps.ball import find_ball
 from hagoromo.calibration.lamps.ball_search import search_balls
 from hagoromo.calibration.lamps.speck import ellipse_centre

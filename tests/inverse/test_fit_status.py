@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hagoromo.app.lamp_summary import object_summary
+from hagoromo.app.calibration_summary import object_summary
 from hagoromo.calibration.lamps import locate_lamp, place, regression, speck
 from hagoromo.calibration.lamps.ball import fit_ball
 from hagoromo.calibration.lamps.regression import robust_regression

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import hagoromo as hg
-from hagoromo.app.ball_picture import DISPUTED, ball_picture
-from hagoromo.app.lamp_summary import lamp_summary
+from hagoromo.app.calibration_pictures import DISPUTED, ball_picture
+from hagoromo.app.calibration_summary import lamp_summary
 from hagoromo.calibration.lamps.ball import find_ball
 from hagoromo.calibration.lamps.highlight import find_highlight
 from hagoromo.calibration.lamps.lamp_speck import roundness

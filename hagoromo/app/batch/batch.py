@@ -10,15 +10,15 @@ from __future__ import annotations
 import contextlib
 import io
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from hagoromo.app.batch.batch_file import read_batch
 from hagoromo.app.batch.ledger import Ledger, keys_of, stamp
 from hagoromo.app.batch.plan import Step
-from hagoromo.app.batch.table import Outcome
 from hagoromo.cluster.cluster import Workers
 from hagoromo.cluster.mapped import here_or_on
 from hagoromo.errors import InputError
@@ -28,6 +28,8 @@ from hagoromo.files.stores import forget_fetched, keep_fetched
 from hagoromo.progress import Progress, silent
 
 SIGNALS = 128  # an exit status above tells of a signal that ended the command
+State = Literal["done", "unchanged", "failed", "not run"]
+WIDEST = 40  # letters of a column of names
 
 
 def batch(
@@ -178,3 +180,31 @@ def run_step(ledger: Ledger, step: Step, key: str) -> Outcome:
         return Outcome(step.name, step.out, "done", seconds=time.monotonic() - begun)
     said = lines[-1].removeprefix("hagoromo: ") if lines else f"it ended with status {status}"
     return Outcome(step.name, step.out, "failed", said, time.monotonic() - begun)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """The result of a step. said: its last line, if it failed. seconds: its duration."""
+
+    step: str
+    out: Path
+    state: State
+    said: str = ""
+    seconds: float = 0.0
+
+
+def table(outcomes: Sequence[Outcome], dry_run: bool = False) -> list[str]:
+    """A line per step that failed or was not run, with its reason; of a dry run, a line per step."""
+    shown = [one for one in outcomes if dry_run or one.state in ("failed", "not run")]
+    width = min(max((len(one.step) for one in shown), default=0), WIDEST)
+    words = {"not run": "would run"} if dry_run else {}
+    return [f"{one.step:{width}}  {words.get(one.state, one.state):9}  {one.said}".rstrip() for one in shown]
+
+
+def summary(outcomes: Sequence[Outcome], dry_run: bool = False) -> str:
+    """How many steps are done, unchanged, failed and not run."""
+    count = Counter(one.state for one in outcomes)
+    if dry_run:
+        return f"{count['not run']} of {len(outcomes)} steps would run, {count['unchanged']} are unchanged"
+    kinds = ("done", "unchanged", "failed", "not run")
+    return f"{len(outcomes)} steps: " + ", ".join(f"{count[kind]} {kind}" for kind in kinds if count[kind])

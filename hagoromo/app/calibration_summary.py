@@ -1,4 +1,4 @@
-"""Summary that `hagoromo calibrate lamps` prints: balls, lamps with standard errors, and spread of the directions."""
+"""Summaries that calibrations print: balls and lamps with standard errors, spread of directions, and rigs."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from hagoromo.calibration.lamps.place import LampPlace
 from hagoromo.calibration.lamps.reading import LampReading
 from hagoromo.calibration.lamps.strength import Strength
 from hagoromo.calibration.lamps.uncalibrated.far_lamps import MIRRORED, SelfCalibration
+from hagoromo.photograph.rig import Rig, RigLampRecord
 
 
 def lamp_summary(calibration: LampCalibration) -> list[str]:
@@ -78,3 +79,20 @@ def _of_lamp(lamp: LampReading | LampPlace, strength: Strength | None) -> str:
             off = np.degrees(np.arccos(np.clip(to_lamp @ lamp.to_lamp, -1.0, 1.0)))
             text += f", whose shading gives a direction {off:.2f}° from that by the ball (± {error:.2f}°)"
     return text
+
+
+def rig_summary(rig: Rig) -> list[str]:
+    """Lines of text."""
+    lines = [_of_rig_lamp(lamp, number) for number, lamp in enumerate(rig.lamps)]
+    if len(rig.sources) == 1:
+        lines.append("measured on one capture: what differs from capture to capture is not in these errors")
+    return lines
+
+
+def _of_rig_lamp(lamp: RigLampRecord, number: int) -> str:
+    strength, error = float(np.mean(lamp.strength)), 100.0 * np.sqrt(np.diag(lamp.covariance))
+    (across, down), name = (100.0 * one for one in lamp.slope), lamp.name or f"lamp {number}"
+    return (
+        f"{name}: strength {strength:.3f} ± {strength * error[0] / 100.0:.3f}, changes by {across:+.1f} ± "
+        f"{error[1]:.1f} % to the right and {down:+.1f} ± {error[2]:.1f} % downwards, over half of the picture's width"
+    )
