@@ -64,9 +64,9 @@ from .calibration.response.calibrate_response import (
     Pairs as Pairs,
     calibrate_response as calibrate_response,
     read_pairs as read_pairs,
+    response_from_chart as response_from_chart,
 )
 from .calibration.response.response_calibration import ResponseCalibration as ResponseCalibration
-from .calibration.response.chart_response import response_from_chart as response_from_chart
 
 # Reflectance and its measurement
 from .reflectance.reflectance import Reflectance as Reflectance, interface_albedo as interface_albedo
@@ -146,7 +146,7 @@ from .image.relight.relighting import Relighting as Relighting
 from .image.relight.relight import relight as relight
 
 # Many captures, many machines
-from .cluster.scheduler_address import TrustedScheduler as TrustedScheduler
+from .cluster.connection import TrustedScheduler as TrustedScheduler
 from .app.batch.batch import batch as batch, Outcome as Outcome
 
 # Any file or folder that the package knows; progress on a terminal

@@ -16,7 +16,7 @@ import tyro
 
 import hagoromo as hg
 from hagoromo.app.shared_options import HERE, Scheduler
-from hagoromo.cluster.mapped import mapped
+from hagoromo.cluster.cluster import mapped
 from studies.coverage_bench import BENCHES, FULL_WELLS, Bench, Truth, drawn, observed
 from studies.coverage_page import write_coverage_page
 

@@ -126,7 +126,7 @@ def _on_balls(
     from hagoromo.app.calibration_pictures import ball_picture
     from hagoromo.app.calibration_summary import lamp_summary
     from hagoromo.calibration.lamps.lamp_photographs import lamp_photographs
-    from hagoromo.camera.unplaced import unplaced_camera
+    from hagoromo.camera.camera import unplaced_camera
     from hagoromo.photograph.session import ORTHOGRAPHIC
     from hagoromo.photograph.session_exif import session_exif
 

@@ -25,7 +25,7 @@ class SchedulerOptions:
     @property
     def chosen(self) -> str | None:
         """What calls take as `scheduler`."""
-        from hagoromo.cluster.scheduler_address import TrustedScheduler
+        from hagoromo.cluster.connection import TrustedScheduler
 
         if not self.trust_scheduler:
             return self.scheduler

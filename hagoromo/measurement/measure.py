@@ -17,8 +17,7 @@ from typing import get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.cluster.cluster import Workers
-from hagoromo.cluster.mapped import here_or_on
+from hagoromo.cluster.cluster import Workers, here_or_on
 from hagoromo.errors import InputError
 from hagoromo.measurement.estimated_terms import terms_of_unknown_shape
 from hagoromo.measurement.known_shape import SEED, measure_known_shape, terms_of_known_shape, with_separation

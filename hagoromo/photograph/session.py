@@ -13,10 +13,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.camera.camera import Camera
+from hagoromo.camera.camera import Camera, unplaced_camera
 from hagoromo.camera.formats.camera_file import read_camera
 from hagoromo.camera.response import Response
-from hagoromo.camera.unplaced import unplaced_camera
 from hagoromo.errors import InputError
 from hagoromo.files.checks import existing_file
 from hagoromo.files.exr import read_header

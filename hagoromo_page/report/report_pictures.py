@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.camera.response import Response
-from hagoromo.camera.srgb_from_camera import srgb_from_camera
+from hagoromo.camera.response import Response, srgb_from_camera
 from hagoromo.measurement.material.segment import interior
 from hagoromo.measurement.measurement import Measurement
 from hagoromo.measurement.observations import Pixels, known_shape, native

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from hagoromo.app.cli import main
+from hagoromo.camera.camera import unplaced_camera
 from hagoromo.camera.response import Response
-from hagoromo.camera.unplaced import unplaced_camera
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.measurement.photographed import Photographed, photographed

@@ -8,8 +8,7 @@ import pytest
 
 import hagoromo as hg
 from hagoromo.app.cli import main
-from hagoromo.calibration.rig.calibrate_rig import rig_of
-from hagoromo.calibration.rig.lamp_readings import LampReadings
+from hagoromo.calibration.rig.calibrate_rig import LampReadings, rig_of
 from hagoromo.errors import InputError
 from hagoromo.measurement.lamp_departure import lamp_departure
 from hagoromo.measurement.rig_share import fitted_rig

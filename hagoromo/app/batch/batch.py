@@ -19,8 +19,7 @@ from typing import Any, Literal
 from hagoromo.app.batch.batch_file import read_batch
 from hagoromo.app.batch.ledger import Ledger, keys_of, stamp
 from hagoromo.app.batch.plan import Step
-from hagoromo.cluster.cluster import Workers
-from hagoromo.cluster.mapped import here_or_on
+from hagoromo.cluster.cluster import Workers, here_or_on
 from hagoromo.errors import InputError
 from hagoromo.files.content import content
 from hagoromo.files.names import printable

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hagoromo.calibration.response.calibrate_response import read_response
 from hagoromo.calibration.response.chart import chart_spectra, read_chart
-from hagoromo.calibration.response.chart_response import read_response
 from hagoromo.camera.response import Response, camera_white
 from hagoromo.errors import InputError
 from hagoromo.files.png import read_png
