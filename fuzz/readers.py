@@ -64,7 +64,7 @@ def _info(path: Path) -> Any:
 
 def _plan(path: Path) -> Any:
     """The plan of a recipe."""
-    from hagoromo.matter.planned import planned
+    from hagoromo.matter.registry import planned
 
     return planned(path)
 
@@ -72,9 +72,8 @@ def _plan(path: Path) -> Any:
 def _tables(path: Path) -> Any:
     """The tables of a recipe and its material, without the plan, which takes long."""
     from hagoromo.files.record import decode, read_toml
-    from hagoromo.matter.planned import _OfKind
     from hagoromo.matter.recipe import Recipe
-    from hagoromo.matter.registry import kind_names, kind_of
+    from hagoromo.matter.registry import _OfKind, kind_names, kind_of
 
     tables, where = read_toml(path), str(path)
     name = decode(tables, _OfKind, where).kind
@@ -132,7 +131,7 @@ def _picture(path: Path) -> Any:
 
 def _profile(path: Path) -> Any:
     """The colours of a profile by itself: packed in a PNG its numbers are hardly ever spoilt."""
-    from hagoromo.files.icc_reading import linear_by
+    from hagoromo.files.icc import linear_by
     from hagoromo.files.reading import reading
 
     with reading(path, "ICC profile"):
@@ -213,7 +212,7 @@ HAS_VTK = find_spec("vtkmodules") is not None  # an extra
 READ_VOLUME = _late("hagoromo.files.volume_file", "read_volume")
 READ_CURVES = _late("hagoromo_formats.curves.curve_file", "read_curves")
 READ_MESH = _late("hagoromo.files.mesh", "read_mesh")
-READ_PARTS = _late("hagoromo.files.mesh_parts", "read_parts")
+READ_PARTS = _late("hagoromo.files.mesh", "read_parts")
 SIMPLE = (
     Reader("scene.toml", records.scene, LOAD_SCENE, "scene.toml"),
     Reader("view-scene.session", scene_session, viewer.read_of("scene.toml"), share=0.5, good=HAS_VISER, spoil=spoil),

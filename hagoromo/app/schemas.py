@@ -52,7 +52,7 @@ def _files() -> dict[str, Any]:
     from hagoromo.image.relight.prediction import PredictionRecord
     from hagoromo.image.scene_file import SceneRecord
     from hagoromo.measurement.material.body_spectra import BodySpectrumRecord
-    from hagoromo.photograph.lamps_file import LampsRecord
+    from hagoromo.photograph.lamp_files import LampsRecord
     from hagoromo.photograph.rig import RigRecord
     from hagoromo.photograph.transforms import CaptureRecord
     from hagoromo.reflectance.material.materials_file import MaterialRecord

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.backend import Array3f, Float, arrays, check_entries, lookup, opaque_vector
-from hagoromo.light.cumulative_shares import interval_of, shares_before
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.light_points import (
     COUNTS,
@@ -24,7 +23,7 @@ from hagoromo.light.light_points import (
     probes_between,
 )
 from hagoromo.light.surface_emission import SurfaceEmission
-from hagoromo.light.wide_light import LightDrawn, LightHit, RayEnd
+from hagoromo.light.wide_light import LightDrawn, LightHit, RayEnd, interval_of, shares_before
 
 R2 = (0.7548776662466927, 0.5698402909980532)  # steps that fill a square evenly (Roberts 2018)
 TURN = 0.25  # width of a patch, in sizes of its surface, that counts as much as a turn of its normal by 1 rad

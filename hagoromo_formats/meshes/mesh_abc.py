@@ -13,7 +13,7 @@ from hagoromo.errors import InputError
 from hagoromo.files.apart import read_apart
 from hagoromo.files.library import library
 from hagoromo.files.memory import require
-from hagoromo.files.polygons import fans
+from hagoromo.files.mesh import fans
 from hagoromo.files.reading import reading
 
 BYTES_PER_NUMBER = 300.0  # of memory, of a vertex or corner while it is a number of Python's

@@ -17,7 +17,7 @@ from hagoromo.errors import InputError
 from hagoromo.files.apart import read_apart
 from hagoromo.files.library import library
 from hagoromo.files.memory import require
-from hagoromo.files.polygons import fans
+from hagoromo.files.mesh import fans
 from hagoromo.files.reading import reading
 from hagoromo_formats.scenes.usd_stage import Places, open_stage, shown, unpacked, usd_file, value
 

@@ -11,8 +11,8 @@ from hagoromo.errors import InputError
 from hagoromo.files.cache import DATA, NOTE, cache, key_of
 from hagoromo.files.leftovers import MARK, alone, begin_work, beside
 from hagoromo.image.render import render
+from hagoromo.matter import build as kept_box
 from hagoromo.matter import build as matter_build
-from hagoromo.matter import kept_box
 from tests.ball_scene import KEY, camera
 
 SOLID = """

@@ -31,7 +31,7 @@ from hagoromo.files.record import (
 from hagoromo.least_squares.fit_status import FitStatus, Status
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.lamp_spread import LampSpread
-from hagoromo.photograph.lamps_file import LampsRecord
+from hagoromo.photograph.lamp_files import LampsRecord
 
 LAMP = ("name", "to_lamp", "position", "intensity")  # keys of a lamp in a capture's transforms.json
 

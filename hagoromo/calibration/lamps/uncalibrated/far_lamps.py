@@ -26,7 +26,7 @@ from hagoromo.errors import InputError
 from hagoromo.files.record import decode, read_json, save_json, written_by
 from hagoromo.least_squares.fit_status import FitStatus
 from hagoromo.light.lamp import Lamp
-from hagoromo.photograph.lamps_file import LampsRecord
+from hagoromo.photograph.lamp_files import LampsRecord
 from hagoromo.progress import Progress, silent
 
 MOST_PIXELS = 40_000  # of the object at the finest scale
