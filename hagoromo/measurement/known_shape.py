@@ -16,14 +16,13 @@ from numpy.typing import NDArray
 from hagoromo.errors import InputError
 from hagoromo.measurement.gloss.gloss_map import gloss_map
 from hagoromo.measurement.gloss.gloss_segment import split_by_gloss
-from hagoromo.measurement.material.body_map import BodyMap, body_map
+from hagoromo.measurement.material.body_map import BodyMap, Separation, body_map, separated
 from hagoromo.measurement.material.clipped import clipped, without_clipped_gloss, without_plateaus
 from hagoromo.measurement.material.estimate import estimate_material
 from hagoromo.measurement.material.lamp_colour import LampColour, lamp_colour
 from hagoromo.measurement.material.material_profile import Observe, changes_of, profile_of_material
 from hagoromo.measurement.material.model_choice import Facets, Interface, check_model, choose_fit
 from hagoromo.measurement.material.segment import interior, segment
-from hagoromo.measurement.material.separation import Separation, separated
 from hagoromo.measurement.measurement import Measurement
 from hagoromo.measurement.observations import Observations, known_shape, observe, shape
 from hagoromo.measurement.parameters import N_RANGE

@@ -19,9 +19,8 @@ from numpy.typing import NDArray
 
 from hagoromo.cluster.cluster import Workers, here_or_on
 from hagoromo.errors import InputError
-from hagoromo.measurement.estimated_terms import terms_of_unknown_shape
 from hagoromo.measurement.known_shape import SEED, measure_known_shape, terms_of_known_shape, with_separation
-from hagoromo.measurement.lamp_departure import lamp_departure
+from hagoromo.measurement.lamp_departure import fitted_rig, lamp_departure
 from hagoromo.measurement.linearity import linearity_of, why_not_tested
 from hagoromo.measurement.material.body_map import BodyMap
 from hagoromo.measurement.material.body_spectra import body_spectra
@@ -29,11 +28,10 @@ from hagoromo.measurement.material.model_choice import Facets, Interface, check_
 from hagoromo.measurement.measurement import Measurement
 from hagoromo.measurement.normals.gloss_choice import GlossModel
 from hagoromo.measurement.normals.gloss_estimate import measurement_of, solved_gloss_map
-from hagoromo.measurement.normals.normal_profile import with_term_errors
+from hagoromo.measurement.normals.normal_profile import terms_of_unknown_shape, with_term_errors
 from hagoromo.measurement.normals.normals import NormalMap
 from hagoromo.measurement.photometric.term import CaptureTerms, Term
 from hagoromo.measurement.photometric.terms import terms_named
-from hagoromo.measurement.rig_share import fitted_rig
 from hagoromo.measurement.surface.depth import DepthSurface
 from hagoromo.measurement.surface.large_capture import large_source, solve_large
 from hagoromo.measurement.surface.solved_surface import OwnLightUse, solve_surface

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
+from msgspec.structs import asdict
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
@@ -14,13 +16,12 @@ from hagoromo.files.exr import read_exr, write_exr
 from hagoromo.files.png import write_png
 from hagoromo.files.record import ForeignRecord, about, decode, read_json, write_json, written_by
 from hagoromo.measurement.gloss.gloss_map import GLOSS_CHANNELS, TAIL_CHANNELS, gloss_from_channels, with_tails
-from hagoromo.measurement.material.body_map import BodyMap
+from hagoromo.measurement.material.body_map import BodyMap, Separation, write_separation
 from hagoromo.measurement.material.body_spectra import read_body_spectra, write_body_spectra
-from hagoromo.measurement.material.separation import Separation, write_separation
 from hagoromo.measurement.measured_surface import MeasuredSurface, colour_channels, read_surface
 from hagoromo.measurement.measurement import Measurement
 from hagoromo.measurement.photographed import read_photographed, write_photographed
-from hagoromo.measurement.photometric.terms_file import read_terms, write_terms
+from hagoromo.measurement.photometric.term import TermEstimate
 from hagoromo.measurement.surface.own_light import OwnLight
 from hagoromo.photograph.pixels import default_channels
 from hagoromo.photograph.points_file import write_points
@@ -32,6 +33,7 @@ VARIANCE_CHANNELS = ("normal", "distance")  # channels of variance.exr
 UNKNOWN_VARIANCE = np.finfo(np.float32).max  # stands in variance.exr for an infinite one; older files have infinity
 ASSUMPTIONS, RIG = "assumptions.json", "rig.json"
 Map = NDArray[np.floating]
+NAME = "terms.json"
 
 
 def write_measurement(measurement: Measurement, home: Path) -> None:
@@ -236,3 +238,22 @@ def read_maps(
     if not set(names) <= set(layers) or layers[names[0]].shape != surface.labels.shape:
         raise InputError(f"{path} must have the channels {', '.join(names)} in the size of labels.png: measure again")
     return tuple(layers[name] for name in names)
+
+
+class TermsFile(ForeignRecord, frozen=True, kw_only=True):
+    """terms.json."""
+
+    terms: Annotated[dict[str, TermEstimate], about("name of each term of the model → its estimate")]
+
+
+def write_terms(home: Path, estimates: Mapping[str, TermEstimate]) -> None:
+    """Write the file into the folder `home`; nothing where nothing was estimated."""
+    if estimates:
+        each = {name: asdict(estimate) for name, estimate in estimates.items()}
+        write_json(home / NAME, {"hagoromo": written_by(), "terms": each})
+
+
+def read_terms(home: Path) -> dict[str, TermEstimate]:
+    """What `write_terms` wrote into the folder."""
+    path = inside(home, NAME)
+    return decode(read_json(path), TermsFile, str(path)).terms if path.is_file() else {}

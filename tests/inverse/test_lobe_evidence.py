@@ -8,8 +8,7 @@ import pytest
 
 import hagoromo as hg
 from hagoromo.measurement.normals.gloss_estimate import measurement_of
-from hagoromo.measurement.normals.lobe_evidence import held
-from hagoromo.measurement.normals.lobe_fit import with_lobes
+from hagoromo.measurement.normals.lobe_fit import held, with_lobes
 from hagoromo.measurement.normals.lobe_samples import samples_of, trust_of
 from hagoromo.measurement.normals.lobe_shape import LobeShapes, with_covariance
 from hagoromo.measurement.normals.normals import NormalMap

@@ -10,8 +10,7 @@ import hagoromo as hg
 from hagoromo.app.cli import main
 from hagoromo.calibration.rig.calibrate_rig import LampReadings, rig_of
 from hagoromo.errors import InputError
-from hagoromo.measurement.lamp_departure import lamp_departure
-from hagoromo.measurement.rig_share import fitted_rig
+from hagoromo.measurement.lamp_departure import fitted_rig, lamp_departure
 from hagoromo.measurement.surface import large_capture
 from hagoromo.measurement.surface import tile_store as store_module
 from hagoromo.photograph.rig import Rig

@@ -2,6 +2,13 @@
 
 A specular term is accepted only if χ² falls significantly (p < 1e-4) over all γ and n. If it is not, β, γ and n are
 unknown; if it is, n may still be.
+
+Hidden body: intervals of a material whose body is black, or lies wholly under a highlight that no photograph leaves.
+
+No body reflects less than nothing. Where the best fit has none in some channel, it is at the limit of its range, and
+how bright it may be does not follow from the curvature there. It follows from a profile along the strength of the
+highlight: the less of it, the more of the body. So it does where the strength is known too badly for its errors to be
+normal: a faint narrow lobe on a body and a strong wide one on nothing may explain the photographs alike.
 """
 
 from __future__ import annotations
@@ -17,12 +24,14 @@ from scipy.stats import t as student
 from hagoromo.errors import InputError
 from hagoromo.measurement.gloss.faint_gloss import albedo, sweep_of_gloss, swept_interval
 from hagoromo.measurement.material.albedo_variation import find_albedo_variation
-from hagoromo.measurement.material.hidden_body import is_hidden, is_open, profile_over_strength
 from hagoromo.measurement.material.interval import (
+    NODES,
+    WELL_KNOWN,
     Profile,
     degrees_of_freedom,
     inflation,
     largest_tail,
+    profile_from,
     profile_over_n,
     profile_over_tail,
 )
@@ -39,7 +48,7 @@ from hagoromo.measurement.material.model_choice import (
     model_remarks,
 )
 from hagoromo.measurement.material.quantity import Quantity, alpha, body_colour, colour_of_interface, coordinate
-from hagoromo.measurement.material.sandwich import MaterialFit, with_colour_error
+from hagoromo.measurement.material.sandwich import MaterialFit, inverse_over, with_colour_error
 from hagoromo.measurement.material.uncertainty import (
     correlation_of,
     errors_of,
@@ -65,6 +74,8 @@ HIDDEN = (
 )
 DETECTION = 1e-4  # probability that noise lowers χ² as much as an interface term has to
 PRIOR_N = 1.5  # refractive index of most dielectrics, plastic, skin and fibre among them: 1.3–1.7
+STEPS = np.linspace(0.02, 1.5, 38)  # of the strength, over the estimate
+OPEN_STEPS = np.geomspace(0.02, 1000.0, 49)  # the same, where it may be of any size
 
 
 def estimate_material(
@@ -229,3 +240,28 @@ def _remarks(fitted: Fitted, tested: LackOfFit | None, profile: Profile | None =
             "rest on: they may be too narrow"
         )
     return remarks
+
+
+def is_hidden(fit: MaterialFit) -> bool:
+    """Whether a channel of the body is at its limit, 0."""
+    return bool(np.any(fit.theta[: channels_of(fit.theta)] <= 0.0))
+
+
+def is_open(fit: MaterialFit) -> bool:
+    """Whether the strength of the highlight is known to worse than WELL_KNOWN of itself."""
+    return bool(np.sqrt(fit.covariance[STRENGTH, STRENGTH]) > WELL_KNOWN * fit.theta[STRENGTH])
+
+
+def profile_over_strength(fit: MaterialFit) -> Profile:
+    """Profile of `fit` along β F₀, with the body that fits best at each; through its whole range where it is open."""
+    place, best = fit.theta.size + STRENGTH, fit.theta[STRENGTH]
+    spread = np.sqrt(inverse_over(fit.curvature, fit.free)[place, place] * inflation(fit, coordinate(STRENGTH)))
+    near = best + spread * NODES
+    nodes = np.unique(np.maximum(np.concatenate([near, best * STEPS]), 1e-9 * best))
+    if not is_hidden(fit):
+        nodes = best * np.append(OPEN_STEPS, 1.0)
+        nodes.sort()
+    starts = np.tile(fit.theta, (len(nodes), 1))
+    starts[:, place] = nodes
+    others = fit.free & (np.arange(fit.theta.size) != place)
+    return profile_from(fit, place, starts, others)

@@ -21,8 +21,7 @@ from hagoromo.measurement.material.model_choice import Model, model_remarks
 from hagoromo.measurement.material.quantity import Quantity, colour_of_interface, coordinate, log_albedo, log_beta
 from hagoromo.measurement.material.uncertainty import is_identifiable, remarks_on_unknown, values_at
 from hagoromo.measurement.measurement import Measurement
-from hagoromo.measurement.normals.highlight_check import highlight_check
-from hagoromo.measurement.normals.highlight_shift import highlight_shift
+from hagoromo.measurement.normals.highlight_check import highlight_check, highlight_shift
 from hagoromo.measurement.normals.lobe_estimate import FurtherLobes, width_interval
 from hagoromo.measurement.normals.normals import NormalMap
 from hagoromo.measurement.normals.photometric_model import Fit, predicted
