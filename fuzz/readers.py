@@ -195,7 +195,7 @@ def _batch(path: Path) -> Any:
 
 
 def _sheet(path: Path) -> Any:
-    from hagoromo.measurement.measured_surface import read_surface
+    from hagoromo.measurement.measurement_files import read_surface
 
     return read_surface(path.parent / "measured"), _plan(path)
 
@@ -281,9 +281,9 @@ SIMPLE = (
     Reader("mesh.serialized", mitsuba_scenes.serialized,
            _late("hagoromo_formats.mitsuba.serialized", "read_serialized")),
     Reader("spectrum.csv", records.spectrum, _late("hagoromo.light.spectrum", "Spectrum.from_csv")),
-    Reader("spectrum.spdx", records.text(records.SPDX), _late("hagoromo.light.spectrum_file", "read_spectrum_file")),
+    Reader("spectrum.spdx", records.text(records.SPDX), _late("hagoromo.light.spectrum", "read_spectrum_file")),
     Reader("spectrum.spd", records.text("400 0.5\n500 1 # peak\n600 0.25\n"),
-           _late("hagoromo.light.spectrum_file", "read_spectrum_file")),
+           _late("hagoromo.light.spectrum", "read_spectrum_file")),
     Reader("table.csv", records.spectrum, _info),
     Reader("prior.csv", records.spectra,
            _late("hagoromo.reflectance.spectra.reflectance_prior", "ReflectancePrior.load"), share=0.3),
@@ -318,7 +318,7 @@ SIMPLE = (
     Reader("exif.jpg", pictures.exif_jpeg, READ_EXIF),
     Reader("development.exr", pictures.development,
            _late("hagoromo.photograph.development.development", "Development.load")),
-    Reader("points.exr", records.points_file, _late("hagoromo.photograph.points_file", "read_points")),
+    Reader("points.exr", records.points_file, _late("hagoromo.photograph.pixels", "read_points")),
     Reader("box.zarr", boxes.box, LOAD_BOX),
     Reader("shell.zarr", boxes.shell, LOAD_BOX, share=0.5),
     *(

@@ -13,7 +13,7 @@ from .files.png import read_png as read_png, write_png as write_png
 from .files.exr import read_exr as read_exr, write_exr as write_exr
 
 # Light and cameras
-from .light.surface_emission import SurfaceEmission as SurfaceEmission
+from .light.emitting_surface import SurfaceEmission as SurfaceEmission
 from .light.spectrum import Spectrum as Spectrum
 from .light.lamp_profile import LampProfile as LampProfile
 from .light.lamp import Lamp as Lamp

@@ -12,12 +12,11 @@ from hagoromo.calibration.lamps.lamp_calibration import LampCalibration, lamps_o
 from hagoromo.calibration.lamps.reading import LampReading
 from hagoromo.calibration.response.response_calibration import ResponseCalibration
 from hagoromo.files.names import plot_label
-from hagoromo.files.plot import panels
+from hagoromo.files.plot import CHANNEL_COLOURS, panels
 from hagoromo.light.colour import srgb_encode
 
 OUTLIER_COLOUR, POINT_COLOUR = "#b5341d", "#2f5d9b"
 ARROW_SHARE = 0.05  # of the image's width: how long the arrow of a residual of three rms is drawn
-CHANNEL_COLOURS = {"R": "#b00020", "G": "#2e7d32", "B": "#1f4e8c"}
 SIDE = 1600  # [px] of the longer side
 OUTLINE, LAMP, DISPUTED = (0, 220, 90), (255, 60, 40), (255, 210, 0)  # colours
 SAID = "yellow: may be the lamp, too; the stated error holds both"

@@ -13,8 +13,7 @@ from tyro.conf import Positional, UseAppendAction
 
 import hagoromo as hg
 from hagoromo.app.progress_bar import progress_bar
-from hagoromo.app.verb import Force, Out, say, verb, wrote
-from hagoromo.app.written import response_files, with_picture
+from hagoromo.app.verb import Force, Out, response_files, say, verb, with_picture, wrote
 from hagoromo.errors import InputError
 from hagoromo.files.whole import replaceable_file, replaceable_files, whole_files
 

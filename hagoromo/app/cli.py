@@ -33,8 +33,7 @@ from hagoromo.app.interrupt import exit_status, signals_as_interrupt, wait_for_k
 from hagoromo.app.progress_bar import progress_bar
 from hagoromo.app.render_verb import render
 from hagoromo.app.shared_options import AS_STATED, HERE, Scheduler, Sensor
-from hagoromo.app.verb import Force, Out, load_verbs, say, verb, verbs, wrote
-from hagoromo.app.written import picture_or_film, with_picture
+from hagoromo.app.verb import Force, Out, load_verbs, picture_or_film, say, verb, verbs, with_picture, wrote
 from hagoromo.errors import InputError
 from hagoromo.files.finite import finite_json
 from hagoromo.files.memory import is_shortage, shortage

@@ -81,7 +81,7 @@ class Response:
 
     def _repr_png_(self) -> bytes:
         """The curves, in a notebook."""
-        from hagoromo.light.curves_plot import curves_png
+        from hagoromo.files.plot import curves_png
 
         return curves_png(
             self.wavelengths, dict(zip(self.channels, self.values.T, strict=True)), "relative sensitivity"

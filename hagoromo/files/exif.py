@@ -15,8 +15,7 @@ from typing import Any
 from hagoromo.errors import InputError
 from hagoromo.files import jpeg, png
 from hagoromo.files.checks import existing_file
-from hagoromo.files.reading import reading
-from hagoromo.files.silence import tifffile_silenced
+from hagoromo.files.reading import reading, tifffile_silenced
 
 TIFF = (b"II*\0", b"MM\0*", b"IIRO", b"IIU\0")  # first bytes of a file; the last two: Olympus, Panasonic
 MM_PER_UNIT = {2: 25.4, 3: 10.0, 4: 1.0, 5: 1e-3}  # FocalPlaneResolutionUnit: inch, cm, mm, µm

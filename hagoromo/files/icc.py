@@ -21,8 +21,7 @@ from numpy.typing import NDArray
 from hagoromo.errors import InputError
 from hagoromo.files import jpeg, png
 from hagoromo.files.checks import existing_file, read_bytes
-from hagoromo.files.reading import reading
-from hagoromo.files.silence import tifffile_silenced
+from hagoromo.files.reading import reading, tifffile_silenced
 
 TIFF = (b"II*\0", b"MM\0*")
 TAG_OF_TIFF, JPEG_NAME, JPEG_HEAD = 34675, b"ICC_PROFILE\0", 18

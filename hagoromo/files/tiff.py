@@ -16,8 +16,7 @@ from hagoromo.files.apart import read_apart
 from hagoromo.files.checks import PACKED, check_density, existing_file, read_bytes
 from hagoromo.files.memory import require
 from hagoromo.files.png import swapped
-from hagoromo.files.reading import reading
-from hagoromo.files.silence import opencv_silenced, tifffile_silenced
+from hagoromo.files.reading import opencv_silenced, reading, tifffile_silenced
 from hagoromo.files.whole import whole_file
 
 ELSEWHERE = -1  # of pixels that do not lie one after the other

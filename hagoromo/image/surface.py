@@ -23,8 +23,8 @@ from hagoromo.image.gloss_texture import alike, ends, widest_glosses
 from hagoromo.image.shape_mesh import shape_mesh
 from hagoromo.image.surface_texture import SurfaceTexture
 from hagoromo.light.colour import srgb_decode
+from hagoromo.light.emitting_surface import SurfaceEmission
 from hagoromo.light.spectrum import Spectrum, checked_spectrum
-from hagoromo.light.surface_emission import SurfaceEmission
 from hagoromo.reflectance.parameters import PLAIN_BODY
 from hagoromo.reflectance.reflectance import LARGEST_GAMMA, SMALLEST_GAMMA, Reflectance
 from hagoromo.transport.path.optics import KINDS

@@ -12,8 +12,7 @@ import numpy as np
 from hagoromo.errors import InputError
 from hagoromo.files.checks import inside
 from hagoromo.light.environment import upsampled
-from hagoromo.light.spectrum import Spectrum
-from hagoromo.light.spectrum_file import read_spectrum_file
+from hagoromo.light.spectrum import Spectrum, read_spectrum_file
 from hagoromo.reflectance.facets import HALF_OF_GGX, TAILS_OF_GGX
 from hagoromo.reflectance.parameters import MATTE
 from hagoromo.reflectance.reflectance import LARGEST_BETA, Reflectance

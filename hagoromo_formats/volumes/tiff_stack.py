@@ -19,8 +19,7 @@ from hagoromo.errors import InputError
 from hagoromo.files.apart import Arrays
 from hagoromo.files.checks import PACKED, check_density, existing_file, inside, read_bytes
 from hagoromo.files.memory import require
-from hagoromo.files.reading import reading
-from hagoromo.files.silence import opencv_silenced, tifffile_silenced
+from hagoromo.files.reading import opencv_silenced, reading, tifffile_silenced
 from hagoromo.files.tiff import read_tiff, tiff_page
 from hagoromo.files.volume_file import NUMBER_KINDS, Later, VolumeFile, grid_matrix
 from hagoromo_formats.volumes.apart_volume import ELSEWHERE, header_arrays, volume_apart

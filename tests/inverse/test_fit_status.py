@@ -14,13 +14,14 @@ from hagoromo.calibration.response import calibrate_response as response
 from hagoromo.calibration.response import curve_evidence
 from hagoromo.errors import InputError
 from hagoromo.least_squares.fit_status import Status
-from hagoromo.measurement.gloss import gloss_law, gloss_spread, pixel_gloss
+from hagoromo.measurement.gloss import gloss_spread, pixel_gloss
 from hagoromo.measurement.gloss.gloss_record import with_gloss
 from hagoromo.measurement.known_shape import measure_known_shape
 from hagoromo.measurement.material import albedo_variation, interval, material_fit
 from hagoromo.measurement.normals import photometric_rounds, pixel_fit
 from hagoromo.measurement.normals.gloss_estimate import measurement_of
 from hagoromo.measurement.normals.normals import solve_normals
+from hagoromo.measurement.photometric import gloss_posterior
 from hagoromo.measurement.robust_fit import minimise
 from hagoromo.measurement.surface import shape as near_shape
 from hagoromo.reflectance.material.materials_file import read_materials, write_materials
@@ -74,7 +75,7 @@ def test_a_texture_whose_fit_fails_is_remarked(monkeypatch):
 def test_pixels_whose_gloss_does_not_converge_are_counted(worn, monkeypatch):
     material = measure_known_shape(worn, labels=ALL, n=N).materials[0]
     monkeypatch.setattr(pixel_gloss, "PIXEL_GLOSS_STEPS", 0)
-    monkeypatch.setattr(gloss_law, "GLOSS_LAW_STEPS", 1)
+    monkeypatch.setattr(gloss_posterior, "GLOSS_LAW_STEPS", 1)
     monkeypatch.setattr(gloss_spread, "SHARED_GLOSS_STEPS", 1)
     start = np.log([0.4 * ((N - 1) / (N + 1)) ** 2, 0.2])
     found = gloss_spread.gloss_spread(all_of(worn), start, N, is_given=True)

@@ -20,14 +20,19 @@ import numpy as np
 from hagoromo.least_squares.fit_status import FitStatus, Status
 from hagoromo.least_squares.levenberg_marquardt import Damping, SingleProblem, Tolerance, levenberg_marquardt
 from hagoromo.least_squares.loss import NORMAL_95, NORMAL_MEDIAN
-from hagoromo.measurement.gloss.gloss_law import covariance_of_mean, deviance, likeliest
 from hagoromo.measurement.gloss.lobes import LobeShape
 from hagoromo.measurement.gloss.pixel_gloss import PixelGlossFit
 from hagoromo.measurement.material.estimate import PRIOR_N
 from hagoromo.measurement.material.uncertainty import RELATIVE_LIMIT
 from hagoromo.measurement.observations import Observations
 from hagoromo.measurement.parameters import GAMMA_RANGE, N_RANGE
-from hagoromo.measurement.photometric.gloss_posterior import GlossLaw, PixelGloss
+from hagoromo.measurement.photometric.gloss_posterior import (
+    GlossLaw,
+    PixelGloss,
+    covariance_of_mean,
+    deviance,
+    likeliest,
+)
 from hagoromo.measurement.sight import Array
 
 FEWEST_PIXELS = 30

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
-from hagoromo.measurement.gloss.gloss_law import likeliest
 from hagoromo.measurement.gloss.gloss_spread import DECISIVE_LOG_ODDS, WIDEST, log_odds
 from hagoromo.measurement.gloss.solved_pixels import SolvedPixels, State
 from hagoromo.measurement.gloss.solved_tails import TailLaw, likeliest_tails, pixel_tails, tail_odds
@@ -24,7 +23,7 @@ from hagoromo.measurement.normals.own_gloss import OWN, OwnGloss, OwnGlossTest
 from hagoromo.measurement.normals.photometric_model import Fit, size
 from hagoromo.measurement.normals.shading import TAIL, Gloss
 from hagoromo.measurement.normals.views import Array, Views
-from hagoromo.measurement.photometric.gloss_posterior import GlossLaw, PixelGloss
+from hagoromo.measurement.photometric.gloss_posterior import GlossLaw, PixelGloss, likeliest
 
 SOLVED_GLOSS_PIXELS = 1000  # of a material, at most, from which the law is estimated
 FEWEST_PIXELS, FEWEST_LAMPS = 100, 6

@@ -11,10 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hagoromo.measurement.gloss.gloss_law import deviance, likeliest
 from hagoromo.measurement.gloss.gloss_spread import trimmed_odds
 from hagoromo.measurement.gloss.solved_pixels import SolvedPixels, State
-from hagoromo.measurement.photometric.gloss_posterior import GlossLaw, PixelGloss
+from hagoromo.measurement.photometric.gloss_posterior import GlossLaw, PixelGloss, deviance, likeliest
 from hagoromo.measurement.sight import Array
 
 TAILS = np.array([0.0, 0.15, 0.3, 0.45, 0.65, 0.9, 1.2, 1.6, 2.2])  # 1/ν at which pixels are solved

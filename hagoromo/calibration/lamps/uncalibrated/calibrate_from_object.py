@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from hagoromo.calibration.lamps import check_spread
 from hagoromo.calibration.lamps.lamp_photographs import Transfer8, lamp_photographs
 from hagoromo.calibration.lamps.uncalibrated.far_lamps import SelfCalibration, self_calibrate
-from hagoromo.calibration.lamps.uncalibrated.joint_surface import Guess, JointSurface, SurfaceData
+from hagoromo.calibration.lamps.uncalibrated.joint_surface import Guess, JointSurface, SurfaceData, height_field
 from hagoromo.calibration.lamps.uncalibrated.low_rank import FEWEST_LAMPS, Array, lit
 from hagoromo.calibration.lamps.uncalibrated.scale import colours, reduced
 from hagoromo.camera.camera import Camera
@@ -30,7 +30,6 @@ from hagoromo.least_squares.levenberg_marquardt import Damping, SingleProblem, T
 from hagoromo.least_squares.loss import CAUCHY_SCALE, ROBUST_SCALE, robust_scale
 from hagoromo.measurement.normals.photometric_model import Prior
 from hagoromo.measurement.normals.photometric_rounds import SMALLEST_MODEL_ERROR
-from hagoromo.measurement.surface.height_field import height_field
 from hagoromo.progress import Progress, part_of, silent
 
 MOST_PIXELS = 6000  # of the object
