@@ -15,7 +15,7 @@ from hagoromo.calibration.response import curve_evidence
 from hagoromo.errors import InputError
 from hagoromo.least_squares.fit_status import Status
 from hagoromo.measurement.gloss import gloss_spread, pixel_gloss
-from hagoromo.measurement.gloss.gloss_record import with_gloss
+from hagoromo.measurement.gloss.gloss_map import with_gloss
 from hagoromo.measurement.known_shape import measure_known_shape
 from hagoromo.measurement.material import albedo_variation, interval, material_fit
 from hagoromo.measurement.normals import photometric_rounds, pixel_fit

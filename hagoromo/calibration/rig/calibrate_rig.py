@@ -27,7 +27,7 @@ from hagoromo.measurement.measure import distance_to
 from hagoromo.measurement.normals.normals import NormalMap
 from hagoromo.measurement.normals.photometric_model import predicted
 from hagoromo.measurement.normals.views import check_lamps
-from hagoromo.measurement.surface.large_capture import coarse_or_whole
+from hagoromo.measurement.surface.solved_surface import coarse_or_whole
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.photograph.rig import Array, Rig, RigLampRecord, as_rows

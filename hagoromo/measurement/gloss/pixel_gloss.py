@@ -18,7 +18,7 @@ from hagoromo.measurement.gloss.lobes import LobeShape, SampleLobes
 from hagoromo.measurement.observations import Observations
 from hagoromo.measurement.parameters import GAMMA_RANGE
 from hagoromo.measurement.photometric.gloss_posterior import SMALLEST_SPREAD, GlossLaw, GlossPosterior, PixelGloss
-from hagoromo.measurement.photometric.pixel_bodies import PixelBodies
+from hagoromo.measurement.photometric.reading import PixelBodies
 from hagoromo.measurement.sight import Array
 
 START_WIDTHS = np.geomspace(0.35, 2.8, 7)  # times the law's γ: a start within a factor of 1.3 overlaps with the data

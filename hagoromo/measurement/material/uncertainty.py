@@ -12,8 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from hagoromo.least_squares.log_interval import exp_or_infinity
-from hagoromo.least_squares.loss import NORMAL_95
+from hagoromo.least_squares.loss import NORMAL_95, exp_or_infinity
 from hagoromo.measurement.facets import TAIL_RANGE
 from hagoromo.measurement.material.interval import Profile, interval, interval_of_n, interval_of_tail
 from hagoromo.measurement.material.quantity import (

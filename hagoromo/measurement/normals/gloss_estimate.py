@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
 from hagoromo.least_squares.fit_status import Status
-from hagoromo.least_squares.log_interval import log_interval
-from hagoromo.least_squares.loss import NORMAL_95
+from hagoromo.least_squares.loss import NORMAL_95, log_interval
 from hagoromo.measurement.facets import TAIL_RANGE
 from hagoromo.measurement.gloss.gloss_map import GlossMap, with_tails
 from hagoromo.measurement.material.misfit_shift import evidence_of_misfit

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from hagoromo.least_squares.log_interval import log_interval
+from hagoromo.least_squares.loss import log_interval
 from hagoromo.measurement.normals.photometric_model import Fit
 from hagoromo.measurement.normals.shading import N
 from hagoromo.measurement.normals.views import Array

@@ -11,10 +11,9 @@ from dataclasses import replace
 import numpy as np
 
 from hagoromo.measurement.normals.gloss_choice import FINE_GAIN, GlossModel
-from hagoromo.measurement.normals.independent_share import share_of_step
 from hagoromo.measurement.normals.normals import NormalMap, solve_with_one_lobe
 from hagoromo.measurement.normals.photometric_model import Prior
-from hagoromo.measurement.normals.photometric_rounds import settled
+from hagoromo.measurement.normals.photometric_rounds import settled, share_of_step
 from hagoromo.measurement.normals.photometric_step import PixelProblem, PixelStep
 from hagoromo.measurement.normals.views import Array, Views
 from hagoromo.measurement.photometric.term import CaptureTerms, Term

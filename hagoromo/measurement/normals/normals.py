@@ -20,10 +20,10 @@ from hagoromo.least_squares.loss import CAUCHY_SCALE
 from hagoromo.measurement.gloss.solved_gloss import with_solved_gloss
 from hagoromo.measurement.material.segment import segment
 from hagoromo.measurement.normals.gloss_choice import BY_EVIDENCE, GlossModel, choose_gloss
-from hagoromo.measurement.normals.independent_share import independent_share
 from hagoromo.measurement.normals.lamp_shift import shifted_lamps
 from hagoromo.measurement.normals.lobe_fit import with_lobes
 from hagoromo.measurement.normals.photometric_model import Fit, Prior, precision
+from hagoromo.measurement.normals.photometric_rounds import independent_share
 from hagoromo.measurement.normals.photometric_step import PixelProblem
 from hagoromo.measurement.normals.pixel_fit import PixelConditions, fit_pixels
 from hagoromo.measurement.normals.shading import LEAST_COSINE, TAIL, Gloss

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.measurement.gloss.gloss_record import remark_on_variation
+from hagoromo.measurement.gloss.gloss_map import remark_on_variation
 from hagoromo.measurement.normals.shading import TAIL
 from hagoromo.reflectance.parameters import OF_LOBES
 

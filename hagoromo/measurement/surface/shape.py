@@ -25,9 +25,9 @@ from hagoromo.errors import InputError
 from hagoromo.least_squares.fit_status import FitStatus, Status
 from hagoromo.least_squares.loss import CAUCHY_SCALE
 from hagoromo.measurement.normals.gloss_choice import BY_EVIDENCE, GlossModel
-from hagoromo.measurement.normals.independent_share import independent_share
 from hagoromo.measurement.normals.normals import NormalMap, solve_with_one_lobe, with_further_lobes, with_own_gloss
 from hagoromo.measurement.normals.photometric_model import Fit, Prior, precision
+from hagoromo.measurement.normals.photometric_rounds import independent_share
 from hagoromo.measurement.normals.pixel_fit import PixelConditions, PixelData, frame
 from hagoromo.measurement.normals.views import UNLIT, Array, Views
 from hagoromo.measurement.surface.depth import DepthEstimate, DepthSurface, surface_from_normals

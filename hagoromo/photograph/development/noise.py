@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
-from hagoromo.least_squares.log_interval import log_interval
+from hagoromo.least_squares.loss import log_interval
 
 KNOWN_GAIN = 0.3  # relative error of the gain below which the frames are said to determine it
 
