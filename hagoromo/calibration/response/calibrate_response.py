@@ -31,7 +31,7 @@ from hagoromo.camera.response import Response
 from hagoromo.errors import InputError
 from hagoromo.files.exr import read_exr
 from hagoromo.files.picture import read_picture
-from hagoromo.files.table import read_table
+from hagoromo.files.table import is_number, read_table
 from hagoromo.light.spectrum import VISIBLE, Spectrum, integrate_product, smooth_rgb_basis
 
 LAMP_COLUMN = "lamp"
@@ -59,7 +59,7 @@ def read_pairs(path: str | Path) -> Pairs:
     `InputError` for other tables.
     """
     table = read_table(path)
-    wavelength_of = {name: float(name) for name in table if _is_number(name)}
+    wavelength_of = {name: float(name) for name in table if is_number(name)}
     wavelengths = np.array(list(wavelength_of.values()))
     lamps = table.pop(LAMP_COLUMN, None)
     channels = {name: column for name, column in table.items() if name not in wavelength_of}
@@ -188,14 +188,6 @@ def overlap_matrix(wavelengths: NDArray[np.float64]) -> NDArray[np.float64]:
     step = np.diff(wavelengths)
     matrix = np.diag(np.append(step, 0.0) + np.insert(step, 0, 0.0)) / 3.0
     return matrix + (np.diag(step, 1) + np.diag(step, -1)) / 6.0
-
-
-def _is_number(name: str) -> bool:
-    try:
-        float(name)
-    except ValueError:
-        return False
-    return True
 
 
 def response_from_chart(
