@@ -117,19 +117,20 @@ def _exposure_conflict(tags: Mapping[str, Any]) -> str:
 
 def _fraction(value: Any) -> float | None:
     """A number of any sign from a tag; None for anything else."""
-    try:
-        fraction: Any = value if isinstance(value, tuple) and len(value) == 2 else (value, 1.0)
-        figure = float(fraction[0]) / float(fraction[1])
-    except (TypeError, ValueError, ZeroDivisionError, OverflowError):
-        return None
-    return figure if abs(figure) < 64.0 else None
+    figure = _figure(value)
+    return figure if figure is not None and abs(figure) < 64.0 else None
 
 
 def _number(value: Any) -> float | None:
-    """A positive number from a tag, which may be a fraction (numerator, denominator); None for anything else."""
+    """A positive number from a tag; None for anything else."""
+    figure = _figure(value)
+    return figure if figure is not None and 0.0 < figure < 1e12 else None
+
+
+def _figure(value: Any) -> float | None:
+    """A tag as a number; it may be a fraction (numerator, denominator)."""
     try:
         fraction: Any = value if isinstance(value, tuple) and len(value) == 2 else (value, 1.0)
-        figure = float(fraction[0]) / float(fraction[1])
+        return float(fraction[0]) / float(fraction[1])
     except (TypeError, ValueError, ZeroDivisionError, OverflowError):
         return None
-    return figure if 0.0 < figure < 1e12 else None
