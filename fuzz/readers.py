@@ -64,7 +64,7 @@ def _info(path: Path) -> Any:
 
 def _plan(path: Path) -> Any:
     """The plan of a recipe."""
-    from hagoromo.matter.registry import planned
+    from hagoromo.matter.recipe import planned
 
     return planned(path)
 
@@ -72,8 +72,7 @@ def _plan(path: Path) -> Any:
 def _tables(path: Path) -> Any:
     """The tables of a recipe and its material, without the plan, which takes long."""
     from hagoromo.files.record import decode, read_toml
-    from hagoromo.matter.recipe import Recipe
-    from hagoromo.matter.registry import _OfKind, kind_names, kind_of
+    from hagoromo.matter.recipe import Recipe, _OfKind, kind_names, kind_of
 
     tables, where = read_toml(path), str(path)
     name = decode(tables, _OfKind, where).kind

@@ -123,8 +123,7 @@ def _on_balls(
     """The lamps that chrome balls in the photographs show, and what is said about them."""
     import numpy as np
 
-    from hagoromo.app.calibration_pictures import ball_picture
-    from hagoromo.app.calibration_summary import lamp_summary
+    from hagoromo.app.calibration_report import ball_picture, lamp_summary
     from hagoromo.calibration.lamps.lamp_photographs import lamp_photographs
     from hagoromo.camera.camera import unplaced_camera
     from hagoromo.photograph.session import ORTHOGRAPHIC

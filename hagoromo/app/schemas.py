@@ -11,7 +11,7 @@ import msgspec
 
 from hagoromo.errors import InputError
 from hagoromo.files.record import LATER, REFERENCE, ForeignRecord, write_json
-from hagoromo.matter.registry import kind_names, kind_of
+from hagoromo.matter.recipe import kind_names, kind_of
 
 RECIPE_PREFIX = "recipe-"
 DIALECT = "https://json-schema.org/draft/2020-12/schema"

@@ -365,7 +365,7 @@ def _box_place(folder: Path, text: str) -> Path:
 
 def _recipe_place(folder: Path, text: str) -> Path:
     """Where a recipe is: inside the folder of the scene, or one that comes with the package, by its name."""
-    from hagoromo.matter.registry import shipped_recipes
+    from hagoromo.matter.recipe import shipped_recipes
 
     place = inside(folder, text)
     return place if place.exists() else shipped_recipes().get(text, place)

@@ -30,7 +30,7 @@ from hagoromo.files.cache import cache
 from hagoromo.files.checks import inside
 from hagoromo.files.content import content_with_named
 from hagoromo.files.whole import replaceable_folder
-from hagoromo.matter.registry import planned, recipe_place
+from hagoromo.matter.recipe import planned, recipe_place
 from hagoromo.progress import Progress, silent
 from hagoromo.version import __version__
 from hagoromo.volume.box import VolumeBox

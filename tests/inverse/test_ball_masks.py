@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import hagoromo as hg
-from hagoromo.app.calibration_summary import lamp_summary
+from hagoromo.app.calibration_report import lamp_summary
 from hagoromo.calibration.lamps.ball import ball_of_circle, is_circle, stated
 from hagoromo.calibration.lamps.ball_search import search_balls
 from hagoromo.files.png import read_png

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import hagoromo as hg
-from hagoromo.app.calibration_pictures import LAMP, OUTLINE, ball_picture
+from hagoromo.app.calibration_report import LAMP, OUTLINE, ball_picture
 from hagoromo.calibration.lamps.ball import find_ball
 from hagoromo.calibration.lamps.ball_search import search_balls
 from hagoromo.calibration.lamps.highlight import ellipse_centre

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hagoromo.app.calibration_summary import object_summary
+from hagoromo.app.calibration_report import object_summary
 from hagoromo.calibration.lamps import highlight, locate_lamp, place, reference
 from hagoromo.calibration.lamps.ball import fit_ball
 from hagoromo.calibration.lamps.reference import robust_regression

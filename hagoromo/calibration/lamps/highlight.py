@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from hagoromo.calibration.lamps.ball import Array, Ball
 from hagoromo.calibration.lamps.core import core_of
 from hagoromo.calibration.lamps.lamp_speck import NOTHING_KNOWN, LampSpeck, Surroundings, lamp_speck
-from hagoromo.calibration.lamps.shading import BallShading
+from hagoromo.calibration.lamps.light_on_ball import BallShading
 from hagoromo.errors import InputError
 from hagoromo.least_squares.fit_status import scipy_status
 

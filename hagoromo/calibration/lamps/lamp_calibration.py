@@ -12,8 +12,7 @@ import numpy as np
 from hagoromo.calibration.lamps.ball import Ball
 from hagoromo.calibration.lamps.highlight import DISPUTES, Highlight
 from hagoromo.calibration.lamps.place import LampPlace
-from hagoromo.calibration.lamps.reading import LampReading
-from hagoromo.calibration.lamps.strength import Strength
+from hagoromo.calibration.lamps.reading import LampReading, Strength
 from hagoromo.errors import InputError
 from hagoromo.files.record import (
     Count,

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hagoromo.calibration.lamps.ball import Array, Ball, find_ball, grey
-from hagoromo.calibration.lamps.strength import Strength
+from hagoromo.calibration.lamps.reading import Strength
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
 from hagoromo.least_squares.fit_status import FitStatus

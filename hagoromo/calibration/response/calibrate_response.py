@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hagoromo.calibration.response.black_level import black_level, with_black_level
 from hagoromo.calibration.response.chart import ChartReading, chart_spectra, read_chart
 from hagoromo.calibration.response.chart_falloff import (
     DOUBTFUL_MISFIT,
@@ -24,7 +23,7 @@ from hagoromo.calibration.response.chart_falloff import (
     photograph_at_fault,
 )
 from hagoromo.calibration.response.curve_prior import CurvePrior, priors_of
-from hagoromo.calibration.response.doubtful_readings import doubtful_readings
+from hagoromo.calibration.response.doubtful_readings import black_level, doubtful_readings, with_black_level
 from hagoromo.calibration.response.positive_curve import PositiveCurve, fit_positive_curve
 from hagoromo.calibration.response.response_calibration import ResponseCalibration
 from hagoromo.camera.response import Response

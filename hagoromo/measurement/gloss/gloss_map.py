@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from hagoromo.least_squares.loss import log_interval
 from hagoromo.measurement.gloss.gloss_difference import WIDTHS, TriedLobe, glosses_differ
 from hagoromo.measurement.gloss.gloss_spread import DECISIVE_LOG_ODDS, GlossSpread, gloss_spread
-from hagoromo.measurement.gloss.lobes import LobeShape
-from hagoromo.measurement.gloss.pixel_gloss import PixelGlossFit
+from hagoromo.measurement.gloss.pixel_gloss import LobeShape, PixelGlossFit
 from hagoromo.measurement.material.quantity import log_albedo
 from hagoromo.measurement.material.segment import interior
 from hagoromo.measurement.observations import Observations, Pixels, known_shape, observe, observe_pixels

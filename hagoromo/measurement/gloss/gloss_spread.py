@@ -20,8 +20,7 @@ import numpy as np
 from hagoromo.least_squares.fit_status import FitStatus, Status
 from hagoromo.least_squares.levenberg_marquardt import Damping, SingleProblem, Tolerance, levenberg_marquardt
 from hagoromo.least_squares.loss import NORMAL_95, NORMAL_MEDIAN
-from hagoromo.measurement.gloss.lobes import LobeShape
-from hagoromo.measurement.gloss.pixel_gloss import PixelGlossFit
+from hagoromo.measurement.gloss.pixel_gloss import LobeShape, PixelGlossFit
 from hagoromo.measurement.material.estimate import PRIOR_N
 from hagoromo.measurement.material.uncertainty import RELATIVE_LIMIT
 from hagoromo.measurement.observations import Observations

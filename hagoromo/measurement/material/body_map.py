@@ -22,7 +22,7 @@ from hagoromo.files.png import write_png
 from hagoromo.least_squares.loss import TUKEY
 from hagoromo.light.colour import srgb_encode
 from hagoromo.measurement.gloss.gloss_map import GlossMap
-from hagoromo.measurement.gloss.lobes import LobeShape, SampleLobes
+from hagoromo.measurement.gloss.pixel_gloss import LobeShape, SampleLobes
 from hagoromo.measurement.material.material_objective import expected, interface_of, theta_of
 from hagoromo.measurement.observations import Pixels, known_shape
 from hagoromo.measurement.sight import Array, Sight, sight_of

@@ -21,8 +21,7 @@ from hagoromo.errors import InputError
 from hagoromo.least_squares.loss import robust_scale
 from hagoromo.photograph.development.exposure import Exposure, planes
 from hagoromo.photograph.development.frame_pairs import one_scene, pair_rows
-from hagoromo.photograph.development.noise import Noise
-from hagoromo.photograph.development.photon_transfer import Row, noise_of_rows
+from hagoromo.photograph.development.noise import Noise, Row, noise_of_rows
 from hagoromo.photograph.transforms import ASSUMED_FULL_WELL, ASSUMED_READ_NOISE
 
 LIT = 5.0  # least signal of samples that have light [standard deviations]
