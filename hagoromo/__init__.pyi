@@ -147,7 +147,8 @@ from .image.relight.relight import relight as relight
 
 # Many captures, many machines
 from .cluster.connection import TrustedScheduler as TrustedScheduler
-from .app.batch.batch import batch as batch, Outcome as Outcome
+from .app.batch.batch import batch as batch
+from .app.batch.table import Outcome as Outcome
 
 # Any file or folder that the package knows; progress on a terminal
 from .app.info import info as info

@@ -355,7 +355,7 @@ def batch(
         recipe: batch TOML: its steps, and the captures that they are repeated for.
         dry_run: only say what would be done.
     """
-    from hagoromo.app.batch.batch import summary, table
+    from hagoromo.app.batch.table import summary, table
 
     with progress_bar("batch") as progress:
         outcomes = hg.batch(recipe, out, scheduler=scheduler.chosen, dry_run=dry_run, force=force, progress=progress)

@@ -51,7 +51,7 @@ def write_schemas(folder: str | Path) -> tuple[Path, ...]:
 
 
 def _files() -> dict[str, Any]:
-    from hagoromo.app.batch.batch_file import BatchRecord
+    from hagoromo.app.batch.batch_record import BatchRecord
     from hagoromo.camera.formats.camera_file import CameraRecord
     from hagoromo.image.relight.prediction import PredictionRecord
     from hagoromo.image.scene_file import SceneRecord

@@ -15,7 +15,8 @@ import hagoromo as hg
 from fuzz.crash_cases import CASES
 from fuzz.verbs import function_of, options
 from hagoromo.app import cli
-from hagoromo.app.batch.batch_file import VERBS, read_batch
+from hagoromo.app.batch.batch_file import read_batch
+from hagoromo.app.batch.batch_record import VERBS
 from hagoromo.app.shared_options import SchedulerOptions, SensorOptions
 from hagoromo.app.verb import written_by_verb
 from hagoromo.errors import InputError

@@ -17,14 +17,15 @@ import hashlib
 import io
 import json
 import time
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from hagoromo.app.batch.batch_file import read_batch
 from hagoromo.app.batch.plan import Step
+from hagoromo.app.batch.table import Outcome
 from hagoromo.app.verb import Written
 from hagoromo.cluster.cluster import Workers, here_or_on
 from hagoromo.errors import InputError
@@ -37,8 +38,6 @@ from hagoromo.progress import Progress, silent
 from hagoromo.version import __version__
 
 SIGNALS = 128  # an exit status above tells of a signal that ended the command
-State = Literal["done", "unchanged", "failed", "not run"]
-WIDEST = 40  # letters of a column of names
 FOLDER = ".batch"
 CONTENTS = "contents.json"  # digests of inputs that were read, with size and time of change
 LEFT = (".lock", ".writing")  # ends of hidden names beside a file that was being written
@@ -192,34 +191,6 @@ def run_step(ledger: Ledger, step: Step, key: str) -> Outcome:
         return Outcome(step.name, step.out, "done", seconds=time.monotonic() - begun)
     said = lines[-1].removeprefix("hagoromo: ") if lines else f"it ended with status {status}"
     return Outcome(step.name, step.out, "failed", said, time.monotonic() - begun)
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """The result of a step. said: its last line, if it failed. seconds: its duration."""
-
-    step: str
-    out: Path
-    state: State
-    said: str = ""
-    seconds: float = 0.0
-
-
-def table(outcomes: Sequence[Outcome], dry_run: bool = False) -> list[str]:
-    """A line per step that failed or was not run, with its reason; of a dry run, a line per step."""
-    shown = [one for one in outcomes if dry_run or one.state in ("failed", "not run")]
-    width = min(max((len(one.step) for one in shown), default=0), WIDEST)
-    words = {"not run": "would run"} if dry_run else {}
-    return [f"{one.step:{width}}  {words.get(one.state, one.state):9}  {one.said}".rstrip() for one in shown]
-
-
-def summary(outcomes: Sequence[Outcome], dry_run: bool = False) -> str:
-    """How many steps are done, unchanged, failed and not run."""
-    count = Counter(one.state for one in outcomes)
-    if dry_run:
-        return f"{count['not run']} of {len(outcomes)} steps would run, {count['unchanged']} are unchanged"
-    kinds = ("done", "unchanged", "failed", "not run")
-    return f"{len(outcomes)} steps: " + ", ".join(f"{count[kind]} {kind}" for kind in kinds if count[kind])
 
 
 @dataclass(frozen=True)
