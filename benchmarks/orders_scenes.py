@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import hagoromo as hg
-from hagoromo.matter.kept_box import kept_box
+from hagoromo.matter.build import kept_box
 from hagoromo_matter.demo.figures import wardrobe
 from hagoromo_matter.demo.samples import FOCAL_MM, PRESET, true_reflectances
 from hagoromo_matter.demo.studio import ball_around, studio_lamps

@@ -85,14 +85,14 @@ def png(path: Path) -> None:
 
 def png_profile(path: Path) -> None:
     """8 bits with the profile of another display."""
-    from hagoromo.files.icc_profile import DISPLAY_P3, icc_profile
+    from hagoromo.files.icc import DISPLAY_P3, icc_profile
 
     write_png(path, COLOUR, profile=icc_profile(DISPLAY_P3))
 
 
 def icc(path: Path) -> None:
     """A profile by itself."""
-    from hagoromo.files.icc_profile import DISPLAY_P3, icc_profile
+    from hagoromo.files.icc import DISPLAY_P3, icc_profile
 
     path.write_bytes(icc_profile(DISPLAY_P3))
 

@@ -64,7 +64,7 @@ def _info(path: Path) -> Any:
 
 def _plan(path: Path) -> Any:
     """The plan of a recipe."""
-    from hagoromo.matter.planned import planned
+    from hagoromo.matter.recipe import planned
 
     return planned(path)
 
@@ -72,9 +72,7 @@ def _plan(path: Path) -> Any:
 def _tables(path: Path) -> Any:
     """The tables of a recipe and its material, without the plan, which takes long."""
     from hagoromo.files.record import decode, read_toml
-    from hagoromo.matter.planned import _OfKind
-    from hagoromo.matter.recipe import Recipe
-    from hagoromo.matter.registry import kind_names, kind_of
+    from hagoromo.matter.recipe import Recipe, _OfKind, kind_names, kind_of
 
     tables, where = read_toml(path), str(path)
     name = decode(tables, _OfKind, where).kind
@@ -132,7 +130,7 @@ def _picture(path: Path) -> Any:
 
 def _profile(path: Path) -> Any:
     """The colours of a profile by itself: packed in a PNG its numbers are hardly ever spoilt."""
-    from hagoromo.files.icc_reading import linear_by
+    from hagoromo.files.icc import linear_by
     from hagoromo.files.reading import reading
 
     with reading(path, "ICC profile"):
@@ -196,7 +194,7 @@ def _batch(path: Path) -> Any:
 
 
 def _sheet(path: Path) -> Any:
-    from hagoromo.measurement.measured_surface import read_surface
+    from hagoromo.measurement.measurement_files import read_surface
 
     return read_surface(path.parent / "measured"), _plan(path)
 
@@ -213,7 +211,7 @@ HAS_VTK = find_spec("vtkmodules") is not None  # an extra
 READ_VOLUME = _late("hagoromo.files.volume_file", "read_volume")
 READ_CURVES = _late("hagoromo_formats.curves.curve_file", "read_curves")
 READ_MESH = _late("hagoromo.files.mesh", "read_mesh")
-READ_PARTS = _late("hagoromo.files.mesh_parts", "read_parts")
+READ_PARTS = _late("hagoromo.files.mesh", "read_parts")
 SIMPLE = (
     Reader("scene.toml", records.scene, LOAD_SCENE, "scene.toml"),
     Reader("view-scene.session", scene_session, viewer.read_of("scene.toml"), share=0.5, good=HAS_VISER, spoil=spoil),
@@ -282,9 +280,9 @@ SIMPLE = (
     Reader("mesh.serialized", mitsuba_scenes.serialized,
            _late("hagoromo_formats.mitsuba.serialized", "read_serialized")),
     Reader("spectrum.csv", records.spectrum, _late("hagoromo.light.spectrum", "Spectrum.from_csv")),
-    Reader("spectrum.spdx", records.text(records.SPDX), _late("hagoromo.light.spectrum_file", "read_spectrum_file")),
+    Reader("spectrum.spdx", records.text(records.SPDX), _late("hagoromo.light.spectrum", "read_spectrum_file")),
     Reader("spectrum.spd", records.text("400 0.5\n500 1 # peak\n600 0.25\n"),
-           _late("hagoromo.light.spectrum_file", "read_spectrum_file")),
+           _late("hagoromo.light.spectrum", "read_spectrum_file")),
     Reader("table.csv", records.spectrum, _info),
     Reader("prior.csv", records.spectra,
            _late("hagoromo.reflectance.spectra.reflectance_prior", "ReflectancePrior.load"), share=0.3),
@@ -319,7 +317,7 @@ SIMPLE = (
     Reader("exif.jpg", pictures.exif_jpeg, READ_EXIF),
     Reader("development.exr", pictures.development,
            _late("hagoromo.photograph.development.development", "Development.load")),
-    Reader("points.exr", records.points_file, _late("hagoromo.photograph.points_file", "read_points")),
+    Reader("points.exr", records.points_file, _late("hagoromo.photograph.pixels", "read_points")),
     Reader("box.zarr", boxes.box, LOAD_BOX),
     Reader("shell.zarr", boxes.shell, LOAD_BOX, share=0.5),
     *(

@@ -405,7 +405,7 @@ def relief_recipe(folder: Path) -> None:
 
 def points_file(path: Path) -> None:
     """Points that are counted from a place far out."""
-    from hagoromo.photograph.points_file import write_points
+    from hagoromo.photograph.pixels import write_points
 
     write_points(path, 1000.0 + 0.01 * np.random.default_rng(1).random((5, 7, 3)))
 

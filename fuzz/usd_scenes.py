@@ -114,7 +114,7 @@ def scene(path: Path) -> None:
 
 def scene_binary(path: Path) -> None:
     """As a crate."""
-    from hagoromo.files.library import library
+    from hagoromo.files.reading import library
 
     layer = library("pxr.Sdf").Layer.CreateAnonymous(".usda")
     layer.ImportFromString(SCENE)

@@ -13,7 +13,7 @@ from .files.png import read_png as read_png, write_png as write_png
 from .files.exr import read_exr as read_exr, write_exr as write_exr
 
 # Light and cameras
-from .light.surface_emission import SurfaceEmission as SurfaceEmission
+from .light.emitting_surface import SurfaceEmission as SurfaceEmission
 from .light.spectrum import Spectrum as Spectrum
 from .light.lamp_profile import LampProfile as LampProfile
 from .light.lamp import Lamp as Lamp
@@ -64,9 +64,9 @@ from .calibration.response.calibrate_response import (
     Pairs as Pairs,
     calibrate_response as calibrate_response,
     read_pairs as read_pairs,
+    response_from_chart as response_from_chart,
 )
 from .calibration.response.response_calibration import ResponseCalibration as ResponseCalibration
-from .calibration.response.chart_response import response_from_chart as response_from_chart
 
 # Reflectance and its measurement
 from .reflectance.reflectance import Reflectance as Reflectance, interface_albedo as interface_albedo
@@ -151,7 +151,7 @@ from .recovery.evidence import Evidence as Evidence
 from .recovery.recover import RecoverySettings as RecoverySettings, recover as recover
 
 # Many captures, many machines
-from .cluster.scheduler_address import TrustedScheduler as TrustedScheduler
+from .cluster.connection import TrustedScheduler as TrustedScheduler
 from .app.batch.batch import batch as batch
 from .app.batch.table import Outcome as Outcome
 

@@ -29,7 +29,7 @@ from hagoromo.matter.build import build_to
 from hagoromo.photograph.gather import gather, size_of_images
 from hagoromo.photograph.lamp_files import LP, load_lamps, write_lp
 from hagoromo.progress import Progress, silent
-from hagoromo.reflectance.parameters import losses
+from hagoromo.reflectance.parameters import MATTE, losses
 from hagoromo.volume.store.box_store import load_box
 from hagoromo_formats.cameras.lensfun import LensCamera, camera_by_lensfun
 from hagoromo_formats.volumes.volumes_out import Field
@@ -38,7 +38,7 @@ BOX, SPECTRAL = ".zarr", "spectral"
 Target = Literal["opencv", "colmap", "colmap-text", "nerfstudio", "middlebury", "spectral"]
 EXR_TILE = 64  # px
 FILES_OF_SPECTRA = (".csv", *OTHER_FILES)
-NEUTRAL = {"alpha": 0.25, "beta": 0.0, "gamma": 0.2, "n": 1.5, "body_colour": 1.0, "name": "neutral"}
+NEUTRAL = {"alpha": 0.25, **MATTE, "body_colour": 1.0, "name": "neutral"}
 
 
 @dataclass(frozen=True)

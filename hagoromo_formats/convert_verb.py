@@ -9,8 +9,7 @@ from tyro.conf import Positional
 
 import hagoromo as hg
 from hagoromo.app.progress_bar import progress_bar
-from hagoromo.app.verb import Force, Out, say, verb, verbs, wrote
-from hagoromo.app.written import Written
+from hagoromo.app.verb import Force, Out, Written, say, verb, verbs, wrote
 
 
 def converted(out: Path) -> Written:

@@ -15,8 +15,8 @@ import numpy as np
 import tyro
 
 import hagoromo as hg
-from hagoromo.app.scheduler_options import HERE, Scheduler
-from hagoromo.cluster.mapped import mapped
+from hagoromo.app.shared_options import HERE, Scheduler
+from hagoromo.cluster.cluster import mapped
 from studies.coverage_bench import BENCHES, FULL_WELLS, Bench, Truth, drawn, observed
 from studies.coverage_page import write_coverage_page
 

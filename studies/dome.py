@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 import hagoromo as hg
-from hagoromo.camera.unplaced import unplaced_camera
+from hagoromo.camera.camera import unplaced_camera
 
 Array = NDArray[np.float64]
 OBJECT, BALL = ((0.14, 0.0, 0.0), 0.24), ((-0.32, 0.05, 0.0), 0.12)  # centre and radius, in picture widths

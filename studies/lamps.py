@@ -21,7 +21,7 @@ import hagoromo as hg
 from hagoromo.calibration.lamps import matte_ball, reference_strength
 from hagoromo.calibration.lamps.outline import refined
 from hagoromo.calibration.lamps.uncalibrated import self_calibrate
-from hagoromo.calibration.lamps.uncalibrated.refined import refined_lamps
+from hagoromo.calibration.lamps.uncalibrated.calibrate_from_object import refined_lamps
 from studies.real import read_directions
 from studies.uw_psm import LAMPS, OBJECT_LEVEL, OBJECTS, read_lamps
 

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from tyro.conf import Positional
 
 import hagoromo as hg
-from hagoromo.app.scheduler_options import HERE, Scheduler
-from hagoromo.cluster.mapped import here_or_on
+from hagoromo.app.shared_options import HERE, Scheduler
+from hagoromo.cluster.cluster import here_or_on
 from hagoromo.files.cache import key_of
 from hagoromo.files.resumable import resumable_folder
 from hagoromo.measurement.material.lack_of_fit import LEVEL

@@ -16,8 +16,8 @@ import numpy as np
 import tyro
 
 import hagoromo as hg
-from hagoromo.app.scheduler_options import HERE, Scheduler
-from hagoromo.cluster.mapped import mapped
+from hagoromo.app.shared_options import HERE, Scheduler
+from hagoromo.cluster.cluster import mapped
 from studies.near_rig import SURFACE_DISTANCE, Look, Rig, read_rig, ring_rig, simulate, sphere, waves
 
 GAMMAS = (0.05, 0.1, 0.2, 0.35, 0.5)

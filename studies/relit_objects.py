@@ -22,7 +22,7 @@ from tyro.conf import Positional
 
 import hagoromo as hg
 from hagoromo.calibration.rig.calibrate_rig import object_readings, rig_of
-from hagoromo.measurement.surface.uneven_lamps import solve_uneven_lamps
+from hagoromo.measurement.lamp_departure import solve_uneven_lamps
 from studies.glossy_objects import GLOSSY, glossy_object
 from studies.table import print_table
 from studies.uw_psm import LAMPS, OBJECTS, read_lamps, read_object, shrunk

@@ -20,9 +20,9 @@ import tyro
 from tyro.conf import Positional
 
 import hagoromo as hg
-from hagoromo.app.scheduler_options import HERE, Scheduler
+from hagoromo.app.shared_options import HERE, Scheduler
 from hagoromo.calibration.response.calibrate_response import overlap_matrix, solve_response
-from hagoromo.cluster.mapped import mapped
+from hagoromo.cluster.cluster import mapped
 from studies.response_bench import (
     CURVE_WAVELENGTHS,
     LEAST_PEAK_SHARE,

@@ -13,8 +13,7 @@ from tyro.conf import Positional, UseAppendAction
 
 import hagoromo as hg
 from hagoromo.app.progress_bar import progress_bar
-from hagoromo.app.verb import Force, Out, say, verb, wrote
-from hagoromo.app.written import response_files, with_picture
+from hagoromo.app.verb import Force, Out, response_files, say, verb, with_picture, wrote
 from hagoromo.errors import InputError
 from hagoromo.files.whole import replaceable_file, replaceable_files, whole_files
 
@@ -48,7 +47,7 @@ def calibrate_camera(
         square_pixels: one focal length for both axes.
         window: half side [px] of the search window of a corner (default: the largest without other edges).
     """
-    from hagoromo.app.calibration_plot import residual_plot
+    from hagoromo.app.calibration_report import residual_plot
     from hagoromo.calibration.camera.board import OWN_WINDOWS
 
     _, plot = with_picture(out).files
@@ -118,7 +117,7 @@ def calibrate_lamps(
             lamps by self-calibration, with standard errors. The object is assumed convex at its outline.
         transfer: transfer curve of 8-bit photographs, for intensities or an object; 16 bits are assumed linear.
     """
-    from hagoromo.app.lamp_summary import lamp_summary, object_summary
+    from hagoromo.app.calibration_report import lamp_summary, object_summary
 
     if object is not None and (mask or moved or mirror or reference):
         raise InputError("--object replaces --mask, --moved, --mirror and --reference: give either it or those")
@@ -162,7 +161,7 @@ def calibrate_rig(
         normal: direction that the card faces, in the world's axes (default: to the camera), to 1 degree.
         distance: from the camera to an object [m] (default: to the world's origin).
     """
-    from hagoromo.app.rig_summary import rig_summary
+    from hagoromo.app.calibration_report import rig_summary
 
     replaceable_file(out, force)
     with progress_bar("calibrate rig") as progress:
@@ -191,7 +190,7 @@ def calibrate_response(
         chart: spectra of the patches: a chart of colour-science, or a CSV with a column per patch.
         corners: x y of the chart's corners [px], clockwise from that of the first patch, if it is not detected.
     """
-    from hagoromo.app.response_plot import response_plot
+    from hagoromo.app.calibration_report import response_plot
 
     targets = response_files(out).files
     replaceable_files(targets, force)

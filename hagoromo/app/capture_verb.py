@@ -12,7 +12,7 @@ from tyro.conf import Positional
 
 import hagoromo as hg
 from hagoromo.app.progress_bar import progress_bar
-from hagoromo.app.sensor_options import AS_STATED, Sensor, SensorOptions
+from hagoromo.app.shared_options import AS_STATED, Sensor, SensorOptions
 from hagoromo.app.verb import Force, Out, say, verb, verbs, wrote
 from hagoromo.errors import InputError
 from hagoromo.files.whole import replaceable_folder
@@ -123,10 +123,9 @@ def _on_balls(
     """The lamps that chrome balls in the photographs show, and what is said about them."""
     import numpy as np
 
-    from hagoromo.app.ball_picture import ball_picture
-    from hagoromo.app.lamp_summary import lamp_summary
+    from hagoromo.app.calibration_report import ball_picture, lamp_summary
     from hagoromo.calibration.lamps.lamp_photographs import lamp_photographs
-    from hagoromo.camera.unplaced import unplaced_camera
+    from hagoromo.camera.camera import unplaced_camera
     from hagoromo.photograph.session import ORTHOGRAPHIC
     from hagoromo.photograph.session_exif import session_exif
 

@@ -29,15 +29,12 @@ from hagoromo.app import recipes_verb as recipes_verb
 from hagoromo.app import recover_verb as recover_verb
 from hagoromo.app import spectra_verb as spectra_verb
 from hagoromo.app.calibrations import calibrations
-from hagoromo.app.everywhere import HELP, Everywhere, everywhere, taken
+from hagoromo.app.everywhere import HELP, Everywhere, everywhere, give_up_streams, printable_streams, taken
 from hagoromo.app.interrupt import exit_status, signals_as_interrupt, wait_for_kernels
 from hagoromo.app.progress_bar import progress_bar
 from hagoromo.app.render_verb import render
-from hagoromo.app.scheduler_options import HERE, Scheduler
-from hagoromo.app.sensor_options import AS_STATED, Sensor
-from hagoromo.app.streams import give_up_streams, printable_streams
-from hagoromo.app.verb import Force, Out, load_verbs, say, verb, verbs, wrote
-from hagoromo.app.written import picture_or_film, with_picture
+from hagoromo.app.shared_options import AS_STATED, HERE, Scheduler, Sensor
+from hagoromo.app.verb import Force, Out, load_verbs, picture_or_film, say, verb, verbs, with_picture, wrote
 from hagoromo.errors import InputError
 from hagoromo.files.finite import finite_json
 from hagoromo.files.memory import is_shortage, shortage

@@ -19,7 +19,7 @@ from hagoromo.files.mesh import read_mesh
 from hagoromo.files.record import read_json, read_toml
 from hagoromo.files.table import read_table
 from hagoromo.light.lamp_profile import LampProfile
-from hagoromo.light.spectrum_file import read_spectrum_file
+from hagoromo.light.spectrum import read_spectrum_file
 from hagoromo.photograph.capture import count_absent
 from hagoromo.photograph.lamp_files import load_lamps
 from hagoromo.reflectance.parameters import MEASURED

@@ -23,7 +23,7 @@ AGAIN_S = 0.02  # between two attempts to raise
 # where nothing may be raised: what compiled code calls, and what takes back unfinished output
 COMPILED_STEPS = {"_loop_cond", "_loop_body", "_if_stmt_true", "_if_stmt_false", "__del__"}  # those of dr.syntax
 CLOSED = ("drjit", "mitsuba", "importlib", "_frozen_importlib", "zarr", "asyncio", "filelock", "shutil", "tempfile")
-CLOSED_FILES = ("whole", "leftovers", "lock", "resumable", "exchange")  # of hagoromo.files
+CLOSED_FILES = ("whole", "leftovers", "resumable", "exchange")  # of hagoromo.files
 _heard: list[int] = []  # signals that were received
 
 

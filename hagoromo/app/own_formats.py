@@ -92,11 +92,11 @@ FORMATS = (
         facts=f"{INFO}:lamps_facts",
     ),
     Format(
-        "IES TM-27-14", "spectrum", (".spdx", ".xml"), "hagoromo.light.spectrum_file:read_spectrum_file", "",
+        "IES TM-27-14", "spectrum", (".spdx", ".xml"), "hagoromo.light.spectrum:read_spectrum_file", "",
         "colour-science", "tests' own text", "header, bandwidth, uncertainty",
     ),
     Format(
-        "SPD of PBRT and Mitsuba", "spectrum", (".spd",), "hagoromo.light.spectrum_file:read_spectrum_file", "",
+        "SPD of PBRT and Mitsuba", "spectrum", (".spd",), "hagoromo.light.spectrum:read_spectrum_file", "",
         "our own", "Mitsuba", "comments",
     ),
     Format(

@@ -12,7 +12,7 @@ def recipes(name: str | None = None) -> None:
     Args:
         name: print this recipe, to keep it as a file and change it.
     """
-    from hagoromo.matter.shipped import recipe_place, shipped_recipes, summary
+    from hagoromo.matter.recipe import recipe_place, shipped_recipes, summary
 
     if name is not None:
         say(*recipe_place(name).read_text(encoding="utf-8").splitlines())

@@ -10,9 +10,8 @@ from tyro.conf import Positional
 
 import hagoromo as hg
 from hagoromo.app.progress_bar import progress_bar
-from hagoromo.app.scheduler_options import HERE, Scheduler
-from hagoromo.app.verb import Force, Out, say, wrote
-from hagoromo.app.written import with_picture
+from hagoromo.app.shared_options import HERE, Scheduler
+from hagoromo.app.verb import Force, Out, say, with_picture, wrote
 from hagoromo.errors import InputError
 from hagoromo.files.whole import replaceable_files
 from hagoromo.image.modes import Mode

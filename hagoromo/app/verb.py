@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import functools
+import glob
 from collections.abc import Callable
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import tyro
 from tyro.conf import arg
 
 from hagoromo.app.everywhere import quiet
 from hagoromo.app.stage import named, run_staged
-from hagoromo.app.written import Writes, Written, alone
 from hagoromo.errors import escaped
 
 Out = Annotated[Path, arg(help="where to write the result")]
@@ -21,6 +21,52 @@ Force = Annotated[bool, arg(help="replace an existing result")]
 
 verbs = tyro.extras.SubcommandApp()
 _writes: dict[Callable[..., Any], Writes] = {}
+
+
+class Written(NamedTuple):
+    """What a command writes. files: files and folders, that of --out first.
+
+    pictures: start of the names of further pictures beside it, START…_….png with a number, as many as its input has;
+    "": none.
+    """
+
+    files: tuple[Path, ...]
+    pictures: str = ""
+
+    def there(self) -> tuple[Path, ...]:
+        """Which of them exist."""
+        out = self.files[0]
+        beside = out.parent.glob(f"{glob.escape(self.pictures)}[0-9]*_*.png") if self.pictures else ()
+        return (*(file for file in self.files if file.exists()), *sorted(beside))
+
+
+Writes = Callable[[Path], Written]
+
+
+def alone(out: Path) -> Written:
+    """The file or folder itself."""
+    return Written((out,))
+
+
+def with_picture(out: Path) -> Written:
+    """A file, and a picture of it beside it."""
+    return Written((out, out.with_suffix(".png")))
+
+
+def picture_or_film(out: Path) -> Written:
+    """What `render` writes: a picture and its PNG, a film and the folder of its frames, or that folder alone."""
+    from hagoromo.files.film_file import SUFFIXES, frames_of
+
+    if out.suffix.lower() in SUFFIXES:
+        return Written((out, frames_of(out)))
+    return with_picture(out) if out.suffix else alone(out)
+
+
+def response_files(out: Path) -> Written:
+    """What `calibrate response` writes: the curves, their intervals, what was found, and a plot."""
+    from hagoromo.calibration.response.response_calibration import ResponseCalibration
+
+    return Written((*ResponseCalibration.paths(out), out.with_suffix(".png")))
 
 
 def verb(

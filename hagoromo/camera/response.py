@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hagoromo.errors import InputError
 from hagoromo.files.checks import inside
-from hagoromo.light.colour import colour_matching
+from hagoromo.light.colour import colour_matching, srgb_from_xyz
 from hagoromo.light.spectrum import VISIBLE, WAVELENGTH_COLUMNS, Spectrum, integrate_product
 
 LARGEST_VALUE = 1e15  # of a curve, relative
@@ -31,6 +31,7 @@ CANON_EOS_300D = {
     "G": ((1.00, 528.0, 32.0, 39.0), (0.15, 473.0, 43.0, 10.0)),
     "B": ((0.94, 477.0, 14.0, 29.0), (0.79, 449.0, 34.0, 12.0)),
 }
+WHITE_XYZ = np.array([0.95047, 1.0, 1.08883])  # XYZ of D65, the display's white
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +81,7 @@ class Response:
 
     def _repr_png_(self) -> bytes:
         """The curves, in a notebook."""
-        from hagoromo.light.curves_plot import curves_png
+        from hagoromo.files.plot import curves_png
 
         return curves_png(
             self.wavelengths, dict(zip(self.channels, self.values.T, strict=True)), "relative sensitivity"
@@ -250,3 +251,27 @@ def _gaussians(wavelengths: NDArray[np.float64], terms: Sequence[tuple[float, ..
         off = (wavelengths - centre) / np.where(wavelengths < centre, below, above)
         total += height * np.exp(-0.5 * off**2)
     return total
+
+
+@lru_cache(maxsize=32)
+def srgb_from_camera(response: Response, lamp: Spectrum) -> NDArray[np.float64]:
+    """(3, 3): camera values ρ of eq. (10) under `lamp` → linear sRGB with the lamp as white (1, 1, 1).
+
+    Least squares over the 24 spectra of a ColorChecker; the lamp's own colour is exact. `InputError` for a channel that
+    reads no light of the lamp.
+    """
+    import colour
+
+    chart = colour.SDS_COLOURCHECKERS["BabelColor Average"].values()
+    patches = [Spectrum(patch.wavelengths, patch.values) for patch in chart]
+    observer, ones = Response.load("cie1931"), camera_white(lamp, response)
+    if not np.all(ones > 0.0):
+        blind = [channel for channel, white in zip(response.channels, ones, strict=True) if not white > 0.0]
+        raise InputError(f"channel {', '.join(blind)} has no response to this lamp: check curves and spectrum")
+    measured = np.array([camera_response(patch, lamp, response) / ones for patch in patches])
+    xyz = np.array([camera_response(patch, lamp, observer) / camera_white(lamp, observer) for patch in patches])
+    wanted = srgb_from_xyz(xyz * WHITE_XYZ)
+    # rows sum to 1: M = [a, b, 1 − a − b]
+    basis = measured[:, :2] - measured[:, 2:]
+    rows = np.linalg.lstsq(basis, wanted - measured[:, 2:], rcond=None)[0].T
+    return np.concatenate([rows, 1.0 - rows.sum(axis=1, keepdims=True)], axis=1) / ones

@@ -8,14 +8,14 @@ task at a time; Dr.Jit's threads use the cores inside it.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, Protocol
 
-from hagoromo.cluster.connection import THREADS, check_version, connected, cores, started
-from hagoromo.cluster.scheduler_address import FORMS, shown
+from hagoromo.cluster.connection import FORMS, THREADS, check_version, connected, cores, shown, started
 from hagoromo.errors import InputError
 from hagoromo.files.stores import keep_fetched
+from hagoromo.progress import Progress, silent
 from hagoromo.version import __version__
 
 MOST_WORKERS = 256  # processes on this machine
@@ -170,3 +170,33 @@ def _set_threads() -> None:
             raise InputError(f"{THREADS} is {stated!r} on a worker: set it to a number of threads, or unset it")
         if dr.thread_count() != int(stated):
             dr.set_thread_count(int(stated))
+
+
+@contextmanager
+def here_or_on(scheduler: str | int | None) -> Iterator[Workers]:
+    """The workers of `scheduler`, see `workers_of`; this process where it is None."""
+    if scheduler is None:
+        yield Here()
+        return
+    with workers_of(scheduler) as cluster:
+        yield cluster
+
+
+def mapped(
+    work: Callable[..., Any],
+    tasks: Sequence[tuple[Any, ...]],
+    scheduler: str | int | None = None,
+    progress: Progress = silent,
+    names: Sequence[str] = (),
+) -> list[Any]:
+    """What `work` gives of each of `tasks`, its arguments, in their order; by default here, one after the other.
+
+    A task that is random brings its own seeded generator: then its result is the same wherever and whenever it runs.
+    names: of the tasks, for `progress`.
+    """
+    results: list[Any] = [None] * len(tasks)
+    with here_or_on(scheduler) as workers:
+        for done, (number, result) in enumerate(workers.results(work, tasks), 1):
+            results[number] = result
+            progress(done / len(tasks), names[number] if names else "")
+    return results

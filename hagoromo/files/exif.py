@@ -15,8 +15,7 @@ from typing import Any
 from hagoromo.errors import InputError
 from hagoromo.files import jpeg, png
 from hagoromo.files.checks import existing_file
-from hagoromo.files.reading import reading
-from hagoromo.files.silence import tifffile_silenced
+from hagoromo.files.reading import reading, tifffile_silenced
 
 TIFF = (b"II*\0", b"MM\0*", b"IIRO", b"IIU\0")  # first bytes of a file; the last two: Olympus, Panasonic
 MM_PER_UNIT = {2: 25.4, 3: 10.0, 4: 1.0, 5: 1e-3}  # FocalPlaneResolutionUnit: inch, cm, mm, µm
@@ -118,19 +117,20 @@ def _exposure_conflict(tags: Mapping[str, Any]) -> str:
 
 def _fraction(value: Any) -> float | None:
     """A number of any sign from a tag; None for anything else."""
-    try:
-        fraction: Any = value if isinstance(value, tuple) and len(value) == 2 else (value, 1.0)
-        figure = float(fraction[0]) / float(fraction[1])
-    except (TypeError, ValueError, ZeroDivisionError, OverflowError):
-        return None
-    return figure if abs(figure) < 64.0 else None
+    figure = _figure(value)
+    return figure if figure is not None and abs(figure) < 64.0 else None
 
 
 def _number(value: Any) -> float | None:
-    """A positive number from a tag, which may be a fraction (numerator, denominator); None for anything else."""
+    """A positive number from a tag; None for anything else."""
+    figure = _figure(value)
+    return figure if figure is not None and 0.0 < figure < 1e12 else None
+
+
+def _figure(value: Any) -> float | None:
+    """A tag as a number; it may be a fraction (numerator, denominator)."""
     try:
         fraction: Any = value if isinstance(value, tuple) and len(value) == 2 else (value, 1.0)
-        figure = float(fraction[0]) / float(fraction[1])
+        return float(fraction[0]) / float(fraction[1])
     except (TypeError, ValueError, ZeroDivisionError, OverflowError):
         return None
-    return figure if 0.0 < figure < 1e12 else None

@@ -17,8 +17,7 @@ from hagoromo.files.apart import read_apart
 from hagoromo.files.checks import check_density, existing_file, read_bytes
 from hagoromo.files.finite import check_finite
 from hagoromo.files.memory import require
-from hagoromo.files.reading import reading
-from hagoromo.files.silence import opencv_silenced
+from hagoromo.files.reading import opencv_silenced, reading
 from hagoromo.files.whole import write_bytes
 
 STARTS = (b"#?RADIANCE", b"#?RGBE")

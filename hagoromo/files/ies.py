@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
 from hagoromo.files.checks import read_bytes, sized_file
+from hagoromo.files.table import is_number
 
 LARGEST_FILE = 1 << 24  # bytes; a table in steps of half a degree has 2 MiB
 GROWTH = 30.0  # memory of the numbers of a file as texts, in its sizes
@@ -62,19 +63,11 @@ def _numbers(text: str, source: Path) -> NDArray[np.float64]:
     try:
         values = np.array(words, np.float64)
     except ValueError:
-        wrong = next(word for word in words if not _is_number(word))
+        wrong = next(word for word in words if not is_number(word))
         raise InputError(f"{source}: {wrong!r:.40} stands among the numbers after TILT=: it is damaged") from None
     if not np.isfinite(values).all():
         raise InputError(f"{source}: a number after TILT= is not finite: it is damaged")
     return values
-
-
-def _is_number(word: str) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
 
 
 def _tilt_numbers(tilt: str, values: NDArray[np.float64], source: Path) -> int:

@@ -2,6 +2,11 @@
 
 The parts of a file are joined to one mesh. Archives are not opened, nor textures, nor addresses; a glTF may name files
 of its own folder.
+
+Mesh parts: a mesh with the material of each face and its UV map, as OBJ, glTF and PLY know them.
+
+Materials are `usemtl` of OBJ, those of the primitives of glTF, by name, and colours of the faces of PLY ("#ff0000").
+Their colours, textures and libraries (`.mtl`) are not read.
 """
 
 from __future__ import annotations
@@ -153,3 +158,66 @@ def parts_apart(file: Path, numbered: bool = False) -> list[MeshPart]:
         MeshPart(arrays[f"v{k}"], arrays[f"f{k}"], arrays.get(f"u{k}"), arrays.get(f"c{k}"), name)
         for k, name in enumerate(names)
     ]
+
+
+class MeshParts(NamedTuple):
+    """vertices (n, 3), faces (m, 3), the number of the material of each face in `names` ("": none), uv (n, 2) or None.
+
+    Vertices that differ by uv alone are several.
+    """
+
+    vertices: NDArray[np.float64]
+    faces: NDArray[np.int64]
+    material: NDArray[np.int64]
+    names: tuple[str, ...]
+    uv: NDArray[np.float64] | None
+
+
+def read_parts(path: str | Path) -> MeshParts:
+    """The mesh in a file with its materials and its UV map; `InputError` as of `read_mesh`."""
+    suffix = Path(path).suffix.lower()
+    if suffix == ".obj":
+        file = sized_file(path, LARGEST_MESH, "a mesh file")
+        require(mesh_format(path).growth * file.stat().st_size, str(file))
+        parts = parts_apart(file)
+    elif suffix in SUFFIXES:
+        parts = read_gltf(path)[1]
+    else:
+        return _of_colours(path, suffix)
+    if not parts:
+        raise InputError(f"{path} holds no triangles: give a mesh (PLY, OBJ, STL, GLB, …)")
+    names = list(dict.fromkeys(part.material for part in parts))
+    starts = np.cumsum([0, *(len(part.vertices) for part in parts)])
+    uvs = [part.uv for part in parts]
+    return MeshParts(
+        np.concatenate([part.vertices for part in parts]),
+        np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=False)]),
+        np.repeat([names.index(part.material) for part in parts], [len(part.faces) for part in parts]),
+        tuple(names),
+        None if any(uv is None for uv in uvs) else np.concatenate([uv for uv in uvs if uv is not None]),
+    )
+
+
+def _of_colours(path: str | Path, suffix: str) -> MeshParts:
+    """The mesh of a file without names: the colours of its faces are their materials."""
+    mesh = read_mesh(path, process=False)
+    number, names = np.zeros(len(mesh.faces), np.int64), ("",)
+    if suffix == ".ply" and mesh.visual.kind == "face":
+        colours, number = np.unique(np.asarray(mesh.visual.face_colors)[:, :3], axis=0, return_inverse=True)
+        names = tuple(f"#{r:02x}{g:02x}{b:02x}" for r, g, b in colours.tolist())
+    return MeshParts(np.asarray(mesh.vertices, float), np.asarray(mesh.faces), number.ravel(), names, uv_of(mesh))
+
+
+def fans(counts: NDArray[np.int64], corners: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Triangles (m, 3) around the first corner of each polygon, and the polygon of each (m).
+
+    counts: how many corners each polygon has; corners: those of all, one after the other. `ValueError` where the two
+    do not fit.
+    """
+    if counts.size and (counts.min() < 0 or counts.sum() != corners.size):
+        raise ValueError("its polygons have other corners than they state")
+    parts = np.maximum(counts - 2, 0)
+    polygon = np.repeat(np.arange(len(counts)), parts)
+    first = (np.cumsum(counts) - counts)[polygon]
+    step = np.arange(len(polygon)) - (np.cumsum(parts) - parts)[polygon]
+    return np.stack([corners[first], corners[first + step + 1], corners[first + step + 2]], axis=1), polygon

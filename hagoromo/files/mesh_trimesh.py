@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from hagoromo.errors import InputError
 from hagoromo.files.checks import inside, read_bytes, sized_file
 from hagoromo.files.gltf import START, SUFFIXES, gltf_record
-from hagoromo.files.reading import reading
-from hagoromo.files.silence import trimesh_silenced
+from hagoromo.files.reading import reading, trimesh_silenced
 
 LARGEST_MESH = 1 << 32  # bytes, of each file of a mesh
 USED = re.compile(rb"^\s*usemtl[ \t]+(\S[^\r\n]*)", re.MULTILINE)  # of an OBJ

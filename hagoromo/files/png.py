@@ -16,8 +16,7 @@ from hagoromo.errors import InputError
 from hagoromo.files.apart import read_apart
 from hagoromo.files.checks import DEFLATE, check_density, existing_file, read_bytes
 from hagoromo.files.memory import require
-from hagoromo.files.reading import reading
-from hagoromo.files.silence import opencv_silenced
+from hagoromo.files.reading import opencv_silenced, reading
 from hagoromo.files.whole import write_bytes
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"

@@ -1,7 +1,7 @@
 """Records: TOML and JSON text → plain data → typed records, with one-line messages for what is wrong in a file.
 
 A record is a `msgspec.Struct` whose fields state type, range, unit and meaning; the JSON Schemas are made from the same
-fields (`hagoromo.files.schema`).
+fields (`hagoromo.app.schemas`).
 
     class Slab(Record, kw_only=True):
         voxel_size: Annotated[Positive, about("edge of a voxel [m]")]

@@ -93,3 +93,12 @@ def _number(cell: str) -> float | None:
         return float(cell)
     except ValueError:
         return None
+
+
+def is_number(word: str) -> bool:
+    """Whether Python reads the word as a number."""
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True

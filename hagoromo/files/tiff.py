@@ -16,8 +16,7 @@ from hagoromo.files.apart import read_apart
 from hagoromo.files.checks import PACKED, check_density, existing_file, read_bytes
 from hagoromo.files.memory import require
 from hagoromo.files.png import swapped
-from hagoromo.files.reading import reading
-from hagoromo.files.silence import opencv_silenced, tifffile_silenced
+from hagoromo.files.reading import opencv_silenced, reading, tifffile_silenced
 from hagoromo.files.whole import whole_file
 
 ELSEWHERE = -1  # of pixels that do not lie one after the other
@@ -74,7 +73,7 @@ def pixels_by_library(path: Path) -> Mapping[str, NDArray[Any]]:
     import cv2
 
     with _first_page(path) as (_, page):
-        if not _is_packed(page):
+        if not is_packed(page):
             return {"pixels": page.asarray()}
     with reading(path, "TIFF"), opencv_silenced():
         image = cv2.imdecode(np.frombuffer(read_bytes(path), np.uint8), cv2.IMREAD_UNCHANGED)
@@ -111,11 +110,12 @@ def _first_page(source: Path) -> Iterator[tuple[Any, Any]]:
             )
         size = math.prod(map(float, shape)) * np.dtype(kind).itemsize
         ends = [start + length for start, length in zip(page.dataoffsets, page.databytecounts, strict=True)]
-        if max(ends, default=0) > held or (not _is_packed(page) and sum(page.databytecounts) < size):
+        if max(ends, default=0) > held or (not is_packed(page) and sum(page.databytecounts) < size):
             raise InputError(f"{source} is cut off: copy it again")
-        check_density(size, source, PACKED if _is_packed(page) else 1.0, f"an image of {str(shape)[:40]}")
+        check_density(size, source, PACKED if is_packed(page) else 1.0, f"an image of {str(shape)[:40]}")
         yield file, page
 
 
-def _is_packed(page: Any) -> bool:
+def is_packed(page: Any) -> bool:
+    """Whether the pixels of a page of tifffile are compressed."""
     return page.compression != 1

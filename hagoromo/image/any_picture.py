@@ -15,7 +15,7 @@ from hagoromo.errors import InputError
 from hagoromo.files.checks import existing_file
 from hagoromo.files.exr import read_exr, write_exr
 from hagoromo.files.hdr import read_hdr, write_hdr
-from hagoromo.files.icc_reading import linear_by_profile
+from hagoromo.files.icc import linear_by_profile
 from hagoromo.files.picture import read_picture
 from hagoromo.files.tiff import read_tiff
 from hagoromo.files.whole import replaceable_file

@@ -45,7 +45,7 @@ class Image:
     names in an EXR, see `layers_of`; None unless they were asked for.
 
     >>> reddish = hg.Spectrum([400, 600, 700], [0, 0, 1])
-    >>> red = hg.Reflectance(alpha=0.25, beta=0.0, gamma=0.2, n=1.5, body_colour=reddish)
+    >>> red = hg.Reflectance.matte(0.25, reddish)
     >>> camera = hg.Camera(9, 7, (20, 20), (4.5, 3.5)).look_at(eye=(0, -1, 0), target=(0, 0, 0))
     >>> ball = hg.Surface.sphere(centre=(0, 0, 0), radius=0.1, reflectance=red)
     >>> image = hg.render(hg.Scene(camera, (hg.Lamp(to_lamp=(0, -1, 0)),), surfaces=(ball,)))
@@ -97,7 +97,7 @@ class Image:
         name of a lamp, or its number from 0. Lamps that share weights can only be changed alike: `InputError` unless
         all of them are, and for a lamp that the image does not have. `Settings.separate_lamps` parts them.
 
-        >>> matte = hg.Reflectance(alpha=0.25, beta=0.0, gamma=0.2, n=1.5, body_colour=hg.Spectrum.constant(1.0))
+        >>> matte = hg.Reflectance.matte(0.25, hg.Spectrum.constant(1.0))
         >>> camera = hg.Camera(9, 7, (20, 20), (4.5, 3.5)).look_at(eye=(0, -1, 0), target=(0, 0, 0))
         >>> ball = hg.Surface.sphere(centre=(0, 0, 0), radius=0.1, reflectance=matte)
         >>> lamps = hg.Lamp(to_lamp=(0, -1, 0), name="key"), hg.Lamp(to_lamp=(1, -1, 0), name="fill")

@@ -41,7 +41,7 @@ def preview(
     scene: a `Scene`, or the path of a scene TOML. seconds: until the first picture, about. See `Preview`, which keeps
     what the next scene can use.
 
-    >>> matte = hg.Reflectance(alpha=0.25, beta=0.0, gamma=0.2, n=1.5, body_colour=hg.Spectrum.constant(1.0))
+    >>> matte = hg.Reflectance.matte(0.25, hg.Spectrum.constant(1.0))
     >>> camera = hg.Camera(9, 7, (20, 20), (4.5, 3.5)).look_at(eye=(0, -1, 0), target=(0, 0, 0))
     >>> ball = hg.Surface.sphere(centre=(0, 0, 0), radius=0.1, reflectance=matte)
     >>> scene = hg.Scene(camera, (hg.Lamp(to_lamp=(0, -1, 0)),), surfaces=(ball,))

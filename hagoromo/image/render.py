@@ -42,7 +42,7 @@ def render(
 
     A matte ball under a far lamp behind the camera: its middle reflects E α = 2 · 0.25 of the lamp's spectrum.
 
-    >>> matte = hg.Reflectance(alpha=0.25, beta=0.0, gamma=0.2, n=1.5, body_colour=hg.Spectrum.constant(1.0))
+    >>> matte = hg.Reflectance.matte(0.25, hg.Spectrum.constant(1.0))
     >>> camera = hg.Camera(9, 7, (20, 20), (4.5, 3.5)).look_at(eye=(0, -1, 0), target=(0, 0, 0))
     >>> ball = hg.Surface.sphere(centre=(0, 0, 0), radius=0.1, reflectance=matte)
     >>> image = hg.render(hg.Scene(camera, (hg.Lamp(to_lamp=(0, -1, 0), intensity=2.0),), surfaces=(ball,)))

@@ -32,7 +32,7 @@ class Scene:
     Raises `InputError` for a scene without lamps or matter, or a camera that sees nothing.
 
     >>> camera = hg.Camera(64, 48, (90, 90), (32, 24)).look_at(eye=(0, -1, 0.2), target=(0, 0, 0))
-    >>> matte = hg.Reflectance(alpha=0.25, beta=0.0, gamma=0.2, n=1.5, body_colour=hg.Spectrum.constant(1.0))
+    >>> matte = hg.Reflectance.matte(0.25, hg.Spectrum.constant(1.0))
     >>> scene = hg.Scene(camera, [hg.Lamp(position=(1, -1, 2))], surfaces=[hg.Surface.floor(0.0, 0.3, matte)])
     >>> scene.with_lamps(hg.Lamp(to_lamp=(0, 0, 1)), hg.Lamp(to_lamp=(1, 0, 1))).record()["lamps"][1]["to_lamp"]
     [0.7071067811865475, 0.0, 0.7071067811865475]

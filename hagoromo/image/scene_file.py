@@ -365,7 +365,7 @@ def _box_place(folder: Path, text: str) -> Path:
 
 def _recipe_place(folder: Path, text: str) -> Path:
     """Where a recipe is: inside the folder of the scene, or one that comes with the package, by its name."""
-    from hagoromo.matter.shipped import shipped_recipes
+    from hagoromo.matter.recipe import shipped_recipes
 
     place = inside(folder, text)
     return place if place.exists() else shipped_recipes().get(text, place)
@@ -418,6 +418,6 @@ def _pose(key: Placement, where: str) -> NDArray[np.float64]:
 
 def _built(recipe: Path) -> VolumeBox:
     """The box of a recipe. Only a recipe needs the matters, so that they are imported here."""
-    from hagoromo.matter.kept_box import built_box
+    from hagoromo.matter.build import built_box
 
     return built_box(recipe)

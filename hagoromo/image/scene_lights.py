@@ -16,10 +16,10 @@ from hagoromo.files.checks import inside
 from hagoromo.files.record import Record, Vector, about, decode, with_optional
 from hagoromo.image.scene import Scene
 from hagoromo.light.area_lamp import AreaLamp
+from hagoromo.light.emitting_surface import SurfaceEmission
 from hagoromo.light.environment import Environment
 from hagoromo.light.shapes import KEYS
 from hagoromo.light.spectrum import SOURCE, Spectrum
-from hagoromo.light.surface_emission import SurfaceEmission
 
 AS_IT_IS = (0.0, 0.0, 0.0)
 

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
-from hagoromo.files.icc_profile import DISPLAY_P3, SRGB, icc_profile, xyz_from_display
-from hagoromo.files.library import library
+from hagoromo.files.icc import DISPLAY_P3, SRGB, icc_profile, xyz_from_display
 from hagoromo.files.png import write_png
+from hagoromo.files.reading import library
 from hagoromo.files.tiff import write_tiff
 from hagoromo.light.colour import srgb_encode
 

@@ -23,8 +23,8 @@ from hagoromo.image.gloss_texture import alike, ends, widest_glosses
 from hagoromo.image.shape_mesh import shape_mesh
 from hagoromo.image.surface_texture import SurfaceTexture
 from hagoromo.light.colour import srgb_decode
+from hagoromo.light.emitting_surface import SurfaceEmission
 from hagoromo.light.spectrum import Spectrum, checked_spectrum
-from hagoromo.light.surface_emission import SurfaceEmission
 from hagoromo.reflectance.parameters import PLAIN_BODY
 from hagoromo.reflectance.reflectance import LARGEST_GAMMA, SMALLEST_GAMMA, Reflectance
 from hagoromo.transport.path.optics import KINDS
@@ -75,7 +75,7 @@ class Surface:
     uv: (n, 2) of the vertices of a mesh, which images need; shapes have Mitsuba's.
     emission: light that its front gives off.
 
-    >>> matte = hg.Reflectance(alpha=0.25, beta=0.0, gamma=0.2, n=1.5, body_colour=hg.Spectrum.constant(1.0))
+    >>> matte = hg.Reflectance.matte(0.25, hg.Spectrum.constant(1.0))
     >>> hg.Surface.sphere(centre=(0, 0, 0.1), radius=0.1, reflectance=matte).corners().max(axis=0).tolist()  # [m]
     [0.1, 0.1, 0.2]
     """

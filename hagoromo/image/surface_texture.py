@@ -16,8 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hagoromo.errors import InputError
 from hagoromo.files.checks import existing_file
-from hagoromo.files.exr import read_exr
-from hagoromo.files.exr_lines import MAGIC
+from hagoromo.files.exr import MAGIC, read_exr
 from hagoromo.files.hdr import STARTS, read_hdr
 from hagoromo.files.memory import require
 from hagoromo.files.picture import read_picture

@@ -1,7 +1,14 @@
-"""Loss: how much a residual counts in a robust fit, and the constants of normal noise that the scales come from."""
+"""Loss: how much a residual counts in a robust fit; constants and intervals of normal noise.
+
+Log interval: bounds of a number above 0 whose logarithm has a normal error. No standard error makes them overflow.
+
+A bound that no float holds is infinite, as the data then set none; an error that is not a number is an infinite one.
+"""
 
 from __future__ import annotations
 
+import math
+import sys
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +23,7 @@ NORMAL_MEDIAN = 0.4549364  # median of r² for a standard normal r: χ² of one 
 CAUCHY_SCALE = 2.385  # standard deviations: 95 % efficient under normal noise (Holland & Welsch 1977)
 HUBER_SCALE = 1.345  # 95 % efficient under normal noise (Huber 1981)
 TUKEY_SCALE = 6.0  # 98 % efficient under normal noise, forgets what lies beyond 6σ (Mosteller & Tukey 1977)
+LARGEST_LOGARITHM = math.log(sys.float_info.max)
 
 
 @dataclass(frozen=True)
@@ -65,3 +73,16 @@ HUBER, TUKEY, CAUCHY = Loss("huber", HUBER_SCALE), Loss("tukey", TUKEY_SCALE), L
 def robust_scale(residuals: NDArray[Any]) -> float:
     """Standard deviation of normal `residuals` about 0, by their median absolute value: 1.4826 median |r|."""
     return float(ROBUST_SCALE * np.median(np.abs(residuals)))
+
+
+def exp_or_infinity(logarithm: float) -> float:
+    """e to this power; infinity where no float holds it."""
+    return math.exp(logarithm) if logarithm < LARGEST_LOGARITHM else math.inf
+
+
+def log_interval(value: float, relative: float, reach: float = NORMAL_95) -> tuple[float, float]:
+    """value · exp(± reach · relative): the bounds of a number, 0 or more, with this standard error of its logarithm."""
+    if not value > 0.0:
+        return 0.0, 0.0
+    middle, half = math.log(value), reach * relative if math.isfinite(relative) else math.inf
+    return exp_or_infinity(middle - half), exp_or_infinity(middle + half)

@@ -47,9 +47,12 @@ def linear_colour(spectrum: Spectrum, lamp: Spectrum) -> NDArray[np.float64]:
 def srgb_encode(linear: ArrayLike) -> NDArray[np.uint8]:
     """8-bit display values from linear sRGB of any shape; clipped to [0, 1] first, NaN shown as 0."""
     u = np.clip(np.nan_to_num(np.asarray(linear, dtype=np.float64)), 0.0, 1.0)
-    # IEC 61966-2-1:1999
-    v = np.where(u <= 0.0031308, 12.92 * u, 1.055 * np.maximum(u, 0.0031308) ** (1 / 2.4) - 0.055)
-    return np.round(255.0 * v).astype(np.uint8)
+    return np.round(255.0 * srgb_curve(u)).astype(np.uint8)
+
+
+def srgb_curve(linear: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Display values 0…1 of linear sRGB in [0, 1], of any shape: IEC 61966-2-1:1999."""
+    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 0.0031308) ** (1 / 2.4) - 0.055)
 
 
 def srgb_decode(display: ArrayLike) -> NDArray[np.float64]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import drjit as dr
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.backend import Array3f, Float, arrays, check_entries, lookup, opaque_vector
-from hagoromo.light.cumulative_shares import interval_of, shares_before
+from hagoromo.errors import InputError
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.light_points import (
     COUNTS,
@@ -23,8 +23,8 @@ from hagoromo.light.light_points import (
     light_at,
     probes_between,
 )
-from hagoromo.light.surface_emission import SurfaceEmission
-from hagoromo.light.wide_light import LightDrawn, LightHit, RayEnd
+from hagoromo.light.spectrum import Spectrum, checked_spectrum
+from hagoromo.light.wide_light import LightDrawn, LightHit, RayEnd, interval_of, shares_before
 
 R2 = (0.7548776662466927, 0.5698402909980532)  # steps that fill a square evenly (Roberts 2018)
 TURN = 0.25  # width of a patch, in sizes of its surface, that counts as much as a turn of its normal by 1 rad
@@ -67,7 +67,7 @@ class EmittingSurface:
 
     def corners(self) -> Array:
         """(0, 3): it is a surface."""
-        return np.empty((0, 3))
+        return self.stands_at
 
     def points(self, low: Array, high: Array, tolerance: float) -> LightPoints:
         """Point lamps in its place, see `WideLight`."""
@@ -211,3 +211,28 @@ def _middle(places: Array, normals: Array) -> Array:
     if (np.ptp(normals, axis=0) < 1e-9).all():
         return middle
     return places[np.argmin(np.sum((places - middle) ** 2, axis=1))]
+
+
+@dataclass(frozen=True)
+class SurfaceEmission:
+    """radiance: [W/(m² sr) times the unit of `spectrum`], the same all over the front of a surface and into all
+    directions (Lambert's law). spectrum: relative spectrum. name: in pictures; empty: that of the surface.
+
+    The front is where the corners of a face go round counterclockwise; that of a shape is outside, or +z. The surface
+    reflects light besides. `InputError` for a radiance that is not above 0.
+    """
+
+    radiance: float
+    spectrum: Spectrum = field(default_factory=lambda: Spectrum.constant(1.0))
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.radiance) and self.radiance > 0.0):
+            raise InputError(f"the radiance of an emission is {self.radiance!r:.60}: give a finite number above 0")
+        checked_spectrum(self.spectrum, "emission: spectrum")
+        if not (self.spectrum.values >= 0.0).all() or not self.spectrum.values.any():
+            raise InputError("the spectrum of an emission is below 0 somewhere, or 0 everywhere: give one of light")
+
+    def record(self) -> dict[str, object]:
+        """The emission as plain values, as a scene file states it."""
+        return {"radiance": self.radiance, "spectrum": self.spectrum.record(), "name": self.name}

@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.backend import Array3f, Float, UInt, arrays, check_entries, lookup, opaque_vector
-from hagoromo.light.cumulative_shares import interval_of, shares_before
-from hagoromo.light.wide_light import LightDrawn, LightHit, RayEnd
+from hagoromo.light.wide_light import LightDrawn, LightHit, RayEnd, interval_of, shares_before
 
 Array = NDArray[np.floating]
 

@@ -6,6 +6,7 @@ Enters: arrays, CSV files, names of colour-science's illuminants. Wavelengths ar
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -16,13 +17,20 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hagoromo.errors import InputError
-from hagoromo.files.checks import inside
+from hagoromo.files.checks import inside, read_bytes, sized_file
+from hagoromo.files.reading import reading
 from hagoromo.files.record import Record, about, decode, like
 
 VISIBLE = (400.0, 700.0)  # [nm], the limits of Tanaka eq. (10), of cameras
 CONSTANT_RANGE = (360.0, 830.0)  # [nm], the range of the CIE 1931 colour matching functions
 OTHER_FILES = (".spd", ".spdx", ".xml")  # see `read_spectrum_file`
 WAVELENGTH_COLUMNS = ("wavelength_nm", "wavelength", "nm", "lambda")
+LARGEST = 1 << 22  # bytes
+GROWTH = 60.0  # memory of the words, in sizes of the file
+TM27 = (".spdx", ".xml")
+PLAIN = (".spd",)
+FORBIDDEN = re.compile(rb"<!\s*(DOCTYPE|ENTITY)", re.IGNORECASE)  # entities may grow, or name other files
+MICROMETRES = 10.0  # a largest wavelength below it is no nanometre
 
 
 class SpectrumRecord(Record, frozen=True, kw_only=True):
@@ -77,7 +85,7 @@ class Spectrum:
 
     def _repr_png_(self) -> bytes:
         """The curve, in a notebook."""
-        from hagoromo.light.curves_plot import curves_png
+        from hagoromo.files.plot import curves_png
 
         return curves_png(self.wavelengths, {"": self.values}, "value")
 
@@ -129,8 +137,6 @@ class Spectrum:
             if str(source).lower().endswith(".csv"):
                 return Spectrum.from_csv(source if folder is None else inside(folder, str(source)))
             if str(source).lower().endswith(OTHER_FILES):
-                from hagoromo.light.spectrum_file import read_spectrum_file
-
                 return read_spectrum_file(source if folder is None else inside(folder, str(source)))
             return Spectrum.named(str(source))
         raise InputError(f"a spectrum is a number, a name, a CSV path or wavelengths and values: given {source!r:.60}")
@@ -246,3 +252,33 @@ def _frozen(values: ArrayLike) -> NDArray[np.float64]:
         raise InputError(f"a spectrum needs numbers: given {values!r:.60}") from error
     array.flags.writeable = False
     return array
+
+
+def read_spectrum_file(path: str | Path) -> Spectrum:
+    """The spectrum in a .spdx, .xml or .spd file [nm]; `InputError` for another or a damaged one."""
+    path = Path(path)
+    data = read_bytes(sized_file(path, LARGEST, "a file of a spectrum"), GROWTH)
+    with reading(path, "a spectrum"):
+        waves, values = _tm27(path, data) if path.suffix.lower() in TM27 else _lines(data)
+        if len(waves) and max(waves) < MICROMETRES:
+            raise InputError(f"{path} has wavelengths up to {max(waves):g}: give them in nanometres")
+        try:
+            return Spectrum(waves, values)
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from error
+
+
+def _tm27(path: Path, data: bytes) -> tuple[list[float], list[float]]:
+    import colour
+
+    if FORBIDDEN.search(data):
+        raise InputError(f"{path} defines entities, which no spectrum needs: it is refused")
+    read = colour.SpectralDistribution_IESTM2714(str(path)).read()
+    return np.asarray(read.wavelengths).tolist(), np.asarray(read.values).tolist()
+
+
+def _lines(data: bytes) -> tuple[list[float], list[float]]:
+    """Two numbers a line, as of PBRT and Mitsuba; what stands behind # is no number."""
+    lines = (line.split("#")[0].replace(",", " ").split() for line in data.decode("utf-8-sig").splitlines())
+    rows = [(float(wave), float(value)) for wave, value in (line for line in lines if line)]
+    return [wave for wave, _ in rows], [value for _, value in rows]

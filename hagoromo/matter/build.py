@@ -8,27 +8,38 @@ extinction it is divided by the projected area of the elements). Paths are relat
 
 [material] is {alpha, beta, gamma [rad], nu, n, body_colour, interface_colour, element, name} or a measured one:
 {file = "materials.json", material = "name", element, response, lamp}. Without `element` it is the kind's.
+
+Parts of a box on many workers: each fills blocks of a recipe's box and writes them into the folder of the box.
+
+A block is a chunk of its own in every array, so that no two workers write one file; a block that is written twice,
+because a worker died, has the same bytes. The folder must be one that all workers see.
 """
 
 from __future__ import annotations
 
 import json
 import logging
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from hagoromo import backend
+from hagoromo.cluster.cluster import workers_of
 from hagoromo.errors import InputError, described
+from hagoromo.files.cache import cache
 from hagoromo.files.checks import inside
+from hagoromo.files.content import content_with_named
 from hagoromo.files.whole import replaceable_folder
-from hagoromo.matter.planned import planned
+from hagoromo.matter.recipe import planned, recipe_place
 from hagoromo.progress import Progress, silent
 from hagoromo.version import __version__
 from hagoromo.volume.box import VolumeBox
-from hagoromo.volume.store.build_store import build_box
+from hagoromo.volume.store.box_store import load_box, save_box
+from hagoromo.volume.store.build_store import Bricks, build_box, group_of, write_part
+from hagoromo.volume.store.plan import BoxPlan
 
 LOG = logging.getLogger(__name__)
+BOX = "box.zarr"  # in an entry of the cache
 
 
 def build(recipe: Mapping[str, Any] | str | Path, progress: Progress = silent) -> VolumeBox:
@@ -75,8 +86,6 @@ def build_to(
     if scheduler is None:
         build_box(plan, path, known, force, progress)
         return
-    from hagoromo.matter.build_parts import build_on  # Dask is an extra
-
     build_on(scheduler, recipe, plan, path, known, force, progress)
 
 
@@ -110,3 +119,60 @@ def _state(folder: Path | None, text: str) -> list[Any]:
     except (InputError, OSError, ValueError):
         return []  # the text is not a path
     return [[p.relative_to(path).as_posix(), p.stat().st_size, p.stat().st_mtime_ns] for p in paths]
+
+
+def kept_box(depends_on: Any, make: Callable[[], VolumeBox]) -> VolumeBox:
+    """The box that `make` gives, or the same one from the cache. depends_on: plain data, all that it depends on."""
+    return cache().kept(
+        ["box", depends_on],
+        lambda folder: load_box(folder / BOX),
+        make,
+        lambda box, folder: save_box(box, folder / BOX),
+    )
+
+
+def built_box(recipe: Path) -> VolumeBox:
+    """`build` of a recipe file, once for each content of it and of the files that it names."""
+    return kept_box(content_with_named(recipe), lambda: build(recipe))
+
+
+def build_on(
+    scheduler: str | int,
+    recipe: Mapping[str, Any] | str | Path,
+    plan: BoxPlan,
+    path: str | Path,
+    fingerprint: str,
+    force: bool,
+    progress: Progress,
+) -> None:
+    """`build_box` whose parts are built by the workers of `scheduler`, see `workers_of`."""
+    if not isinstance(recipe, (str, Path)):
+        raise InputError("a scheduler builds the recipe of a file, which its workers read: give the path of one")
+    file = str(recipe_place(recipe).absolute())
+    digest = content_with_named(file, quick=True)
+    with workers_of(scheduler) as cluster:
+
+        def elsewhere(folder: Path, numbers: list[int]) -> Iterator[tuple[int, Bricks]]:
+            tasks = ((file, digest, str(folder), number) for number in numbers)
+            for task, bricks in cluster.results(build_part, tasks):
+                yield numbers[task], bricks
+
+        build_box(plan, path, fingerprint, force, progress, elsewhere)
+
+
+_held: dict[tuple[str, str], BoxPlan] = {}  # the plan of the recipe that this worker builds
+
+
+def build_part(recipe: str, digest: str, folder: str, number: int) -> Bricks:
+    """On a worker: write the blocks of a part of a recipe's box into the folder where the box is built."""
+    if (recipe, digest) not in _held:
+        _held.clear()
+        if content_with_named(recipe, quick=True) != digest:
+            raise InputError(
+                f"{recipe}, or a file that it names, is another one on a worker: put them where all find the same"
+            )
+        _held[recipe, digest] = planned(recipe)[0]
+    if not Path(folder).is_dir():
+        raise InputError(f"a worker does not see {folder}: write to a folder that all workers share")
+    plan = _held[recipe, digest]
+    return write_part(plan, group_of(plan, Path(folder), begun=True), number)

@@ -89,11 +89,6 @@ def plane(point: Any, normal: Triple, offset: float = 0.0) -> Any:
     return dr.dot(point, _vector(normal)) - offset
 
 
-def revolved(point: Any, profile: Callable[[Any, Any], Any]) -> Any:
-    """Solid of revolution about z: `profile` is a distance in (radius, height)."""
-    return profile(dr.sqrt(dr.fmax(point.x * point.x + point.y * point.y, 1e-18)), point.z)
-
-
 def smooth_union(a: Any, b: Any, blend: float) -> Any:
     """Union, the seam rounded over a width of `blend` (polynomial smooth minimum of Quilez)."""
     reach = dr.fmax(blend - dr.abs(a - b), 0.0)
@@ -110,14 +105,15 @@ def smooth_intersection(a: Any, b: Any, blend: float) -> Any:
     return -smooth_union(-a, -b, blend)
 
 
+def rising(t: Any) -> Any:
+    """0 below 0, 1 above 1, a smooth cubic between."""
+    t = clip(t, 0.0, 1.0)
+    return t * t * (3.0 - 2.0 * t)
+
+
 def sheet(distance: Any, thickness: float) -> Any:
     """Shell of a shape: from its surface to a depth of `thickness`."""
     return dr.abs(distance + 0.5 * thickness) - 0.5 * thickness
-
-
-def displaced(distance: Any, height: Any) -> Any:
-    """A shape whose surface is raised by `height`, a function of position with slopes well below 1."""
-    return distance - height
 
 
 def placed(point: Any, centre: Triple, turn_deg: Triple = (0.0, 0.0, 0.0)) -> Any:

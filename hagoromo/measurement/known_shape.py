@@ -7,7 +7,7 @@ colour of each, every parameter with its standard error, its 95 % interval and w
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,25 +16,27 @@ from numpy.typing import NDArray
 from hagoromo.errors import InputError
 from hagoromo.measurement.gloss.gloss_map import gloss_map
 from hagoromo.measurement.gloss.gloss_segment import split_by_gloss
-from hagoromo.measurement.material.body_map import BodyMap, body_map
+from hagoromo.measurement.material.body_map import BodyMap, Separation, body_map, separated
 from hagoromo.measurement.material.clipped import clipped, without_clipped_gloss, without_plateaus
 from hagoromo.measurement.material.estimate import estimate_material
 from hagoromo.measurement.material.lamp_colour import LampColour, lamp_colour
-from hagoromo.measurement.material.material_profile import Observe, changes_of, profile_of_material
 from hagoromo.measurement.material.model_choice import Facets, Interface, check_model, choose_fit
+from hagoromo.measurement.material.sandwich import MaterialFit
 from hagoromo.measurement.material.segment import interior, segment
-from hagoromo.measurement.material.separation import Separation, separated
 from hagoromo.measurement.measurement import Measurement
 from hagoromo.measurement.observations import Observations, known_shape, observe, shape
+from hagoromo.measurement.parameters import N_RANGE
 from hagoromo.measurement.photometric.term import CaptureTerms, Term
-from hagoromo.measurement.photometric.term_fit import Profile, fit_terms
-from hagoromo.measurement.robust_fit import N_RANGE
+from hagoromo.measurement.photometric.term_fit import Profile, dispersion, fit_terms
+from hagoromo.measurement.sight import Array
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.progress import Progress, silent
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
 
 SEED = 0  # of the choice of pixels; the same capture gives the same measurement
+MOST_LEVERAGE = 0.9  # of a value in the body of its pixel, by which its residual is made whole
+Observe = Callable[[Capture], Observations]
 
 
 def measure_known_shape(
@@ -231,3 +233,50 @@ def _residual(photograph: Photograph, predicted: NDArray[np.float32]) -> NDArray
     known = photograph.mask[..., None] & np.isfinite(predicted)
     deviation = np.where(known, photograph.values - predicted, np.nan)
     return (deviation / np.sqrt(np.where(known, photograph.variance, 1.0))).astype(np.float32)
+
+
+def changes_of(capture: Capture, terms: Sequence[Term], samples: Observations, observed: Observe) -> Array:
+    """(N, C, T) change of the values of `samples` of `capture` by a unit of each term; observed: how they are taken."""
+    columns = []
+    for term in terms:
+        changes = [term.change(photograph) for photograph in capture.photographs]
+        added = observed(_with_values(capture, [one.added for one in changes])).values
+        share = observed(_with_values(capture, [one.share for one in changes])).values
+        columns.append(added + share * samples.values)
+    return np.stack(columns, axis=-1)
+
+
+def _with_values(capture: Capture, each: Sequence[NDArray | float]) -> Capture:
+    photographs = (
+        replace(photograph, values=np.broadcast_to(values, photograph.values.shape))
+        for photograph, values in zip(capture.photographs, each, strict=True)
+    )
+    return replace(capture, photographs=tuple(photographs))
+
+
+def profile_of_material(fit: MaterialFit, changes: Array) -> Profile:
+    """The profile of terms that change the values by `changes` (N, C, T): a sandwich, as that of the fit itself.
+
+    The parameters of the material, and body colours of pixels, are eliminated.
+    """
+    objective, used = fit.objective, fit.objective.observations.used
+    root = np.sqrt(objective.variance[used])
+    r = (objective.observations.values - objective.model(fit.theta))[used] / root
+    j = objective.jacobian(fit.theta)[used][:, fit.inside] / root[:, None]
+    x = objective.within(changes)[used] / root[:, None]
+    weight, curved = objective.loss.weight(r), objective.loss.curvature(r)
+    # the step with weights of the loss never goes too far, however wrong the model is; the error has its curvature
+    outer = _without(x, j, weight)
+    step = np.linalg.pinv(outer.T @ (weight[:, None] * outer), hermitian=True) @ (outer.T @ (weight * r))
+    left = _without(x, j, curved)
+    information = left.T @ (curved[:, None] * left)
+    leverage = np.clip(objective.own_leverage()[used], 0.0, MOST_LEVERAGE)
+    each = (left * (weight * r / np.sqrt(1.0 - leverage))[:, None]).T
+    scores = np.stack([np.bincount(fit.group, one).astype(np.float64) for one in each], axis=1)
+    return Profile(step, information / dispersion(information, scores.T @ scores))
+
+
+def _without(columns: Array, others: Array, weight: Array) -> Array:
+    """Columns (V, T) less their weighted projection on `others` (V, P)."""
+    weighed = others * weight[:, None]
+    return columns - others @ (np.linalg.pinv(weighed.T @ others, hermitian=True) @ (weighed.T @ columns))

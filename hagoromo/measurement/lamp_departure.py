@@ -3,6 +3,13 @@
 The fit finds of each lamp how strong it is beside the others, how its light falls off over the object, and its
 direction. A lamp that is not among those measured departs likewise, and no photograph shows how: what its photograph is
 off by for that alone is here taken as what those that were measured would be off by under their stated lamps.
+
+Rig share: how much of the differences in strength that a rig states hold for the photographs of an object.
+
+A lamp that is near is stronger for what stands nearer to it, so all differences grow or shrink together where an object
+stands higher or lower than what the rig was measured on. One factor b of ln strength is estimated for a capture, from
+its photographs alone: b − 1 is the regression of the strengths that the photometric fit still finds on those that the
+rig has taken out; before the photographs b is 1 ± 1.
 """
 
 from __future__ import annotations
@@ -13,14 +20,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from hagoromo.light.lamp import Lamp
-from hagoromo.measurement.normals.normals import NormalMap
-from hagoromo.measurement.normals.photometric_model import evenness, predicted
+from hagoromo.measurement.normals.normals import NormalMap, solve_with_one_lobe
+from hagoromo.measurement.normals.photometric_model import Prior, evenness, predicted
 from hagoromo.measurement.normals.views import UNLIT, Array
-from hagoromo.measurement.rig_share import STRENGTH_ERROR
+from hagoromo.measurement.surface.shape import has_near_lamps, solve_shape
+from hagoromo.photograph.capture import Capture
+from hagoromo.photograph.rig import Rig
+from hagoromo.progress import Progress, silent
 
 MOST_PIXELS = 4000  # that are compared
 LEAST_DEPARTURE = 0.005  # relative: less is not said
 CHANCE = 0.01  # of calling lamps uneven that are not
+UNEVEN = Prior(strength=0.1, slope=0.1)
+STRENGTH_ERROR = 0.01  # of ln strength, beside the error that the fit states: lamps vary from capture to capture
+PRIOR_SPREAD = 1.0  # standard deviation of b before the photographs
 
 
 @dataclass(frozen=True)
@@ -99,3 +112,25 @@ def _evident(found: Array, variance: Array) -> bool:
 
 def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
+
+
+def solve_uneven_lamps(capture: Capture, distance: float, progress: Progress = silent) -> NormalMap:
+    """The photometric fit of an object of unknown shape, `distance` [m] from the camera, with wide priors of lamps."""
+    if has_near_lamps(capture):
+        return solve_shape(capture, distance, UNEVEN, progress).normal_map
+    return solve_with_one_lobe(capture, prior=UNEVEN, progress=progress)
+
+
+def fitted_rig(rig: Rig, capture: Capture, distance: float, progress: Progress = silent) -> tuple[Rig, float]:
+    """The rig with the strengths that hold for `capture`, an object of unknown shape at `distance` [m], and b."""
+    solved = solve_uneven_lamps(rig.evened_capture(capture), distance, progress)
+    views, fit = solved.views, solved.fit
+    if fit.lamp_variance is None:
+        return rig, 1.0
+    place = rig.place(views.shape)[views.rows, views.columns].mean(axis=0)
+    stated = rig.strengths_at([one.lamps[0] for one in capture.photographs], place)
+    weight = 1.0 / (fit.lamp_variance[:, 0] + STRENGTH_ERROR**2)
+    stated, left = (one - np.average(one, weights=weight) for one in (stated, fit.strength))
+    change = float(np.sum(weight * stated * left) / (np.sum(weight * stated**2) + PRIOR_SPREAD**-2))
+    share = max(1.0 + change, 0.0)
+    return rig.weakened(share, place), share

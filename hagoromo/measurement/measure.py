@@ -17,32 +17,27 @@ from typing import get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.cluster.cluster import Workers
-from hagoromo.cluster.mapped import here_or_on
+from hagoromo.cluster.cluster import Workers, here_or_on
 from hagoromo.errors import InputError
-from hagoromo.measurement.estimated_terms import terms_of_unknown_shape
 from hagoromo.measurement.known_shape import SEED, measure_known_shape, terms_of_known_shape, with_separation
-from hagoromo.measurement.lamp_departure import lamp_departure
-from hagoromo.measurement.linearity import linearity_of, why_not_tested
+from hagoromo.measurement.lamp_departure import fitted_rig, lamp_departure
 from hagoromo.measurement.material.body_map import BodyMap
 from hagoromo.measurement.material.body_spectra import body_spectra
 from hagoromo.measurement.material.model_choice import Facets, Interface, check_model
 from hagoromo.measurement.measurement import Measurement
 from hagoromo.measurement.normals.gloss_choice import GlossModel
 from hagoromo.measurement.normals.gloss_estimate import measurement_of, solved_gloss_map
-from hagoromo.measurement.normals.normal_profile import with_term_errors
+from hagoromo.measurement.normals.normal_profile import terms_of_unknown_shape, with_term_errors
 from hagoromo.measurement.normals.normals import NormalMap
+from hagoromo.measurement.photograph_checks import linearity_of, moved, why_not_tested
 from hagoromo.measurement.photometric.term import CaptureTerms, Term
 from hagoromo.measurement.photometric.terms import terms_named
-from hagoromo.measurement.rig_share import fitted_rig
 from hagoromo.measurement.surface.depth import DepthSurface
-from hagoromo.measurement.surface.large_capture import large_source, solve_large
-from hagoromo.measurement.surface.solved_surface import OwnLightUse, solve_surface
+from hagoromo.measurement.surface.solved_surface import OwnLightUse, large_source, solve_large, solve_surface
 from hagoromo.measurement.surface.tile_store import FolderSource
 from hagoromo.photograph.capture import Capture, load_capture
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.photograph.rig import Rig
-from hagoromo.photograph.stillness import moved
 from hagoromo.progress import Progress, part_of, silent
 
 FITTING_SHARE = 0.3  # approximate share of the time, of fitting a rig

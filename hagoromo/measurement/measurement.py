@@ -15,15 +15,13 @@ from hagoromo.files.png import png_data_uri
 from hagoromo.files.whole import whole_folder
 from hagoromo.measurement.gloss.gloss_map import GlossMap
 from hagoromo.measurement.lamp_departure import LampDeparture
-from hagoromo.measurement.material.body_map import BodyMap
-from hagoromo.measurement.material.separation import Separation
+from hagoromo.measurement.material.body_map import BodyMap, Separation
 from hagoromo.measurement.photographed import Photographed, photographed
 from hagoromo.measurement.photometric.term import TermEstimate
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.exponent import Exponent
 from hagoromo.photograph.rig import Rig
-from hagoromo.reflectance.material.material_estimate import MaterialEstimate
-from hagoromo.reflectance.material.material_html import materials_html
+from hagoromo.reflectance.material.material_estimate import MaterialEstimate, materials_html
 from hagoromo.reflectance.spectra.spectrum_estimate import SpectrumEstimate
 
 if TYPE_CHECKING:

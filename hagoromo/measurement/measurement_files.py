@@ -2,39 +2,39 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
+from msgspec.structs import asdict
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
-from hagoromo.files.checks import inside
+from hagoromo.files.checks import inside, of_folder
 from hagoromo.files.exr import read_exr, write_exr
-from hagoromo.files.png import write_png
+from hagoromo.files.png import read_png, write_png
 from hagoromo.files.record import ForeignRecord, about, decode, read_json, write_json, written_by
-from hagoromo.measurement.gloss.gloss_map import GlossMap, with_tails
-from hagoromo.measurement.material.body_map import BodyMap
+from hagoromo.measurement.gloss.gloss_map import GLOSS_CHANNELS, TAIL_CHANNELS, gloss_from_channels, with_tails
+from hagoromo.measurement.material.body_map import BodyMap, Separation, write_separation
 from hagoromo.measurement.material.body_spectra import read_body_spectra, write_body_spectra
-from hagoromo.measurement.material.separation import Separation, write_separation
-from hagoromo.measurement.measured_surface import MeasuredSurface, colour_channels, read_surface
 from hagoromo.measurement.measurement import Measurement
 from hagoromo.measurement.photographed import read_photographed, write_photographed
-from hagoromo.measurement.photometric.terms_file import read_terms, write_terms
+from hagoromo.measurement.photometric.term import TermEstimate
 from hagoromo.measurement.surface.own_light import OwnLight
-from hagoromo.photograph.pixels import default_channels
-from hagoromo.photograph.points_file import write_points
+from hagoromo.photograph.pixels import default_channels, read_points, write_points
 from hagoromo.photograph.rig import Rig
-from hagoromo.reflectance.material.materials_file import MaterialRecord, write_materials
+from hagoromo.reflectance.material.material_estimate import MaterialEstimate
+from hagoromo.reflectance.material.materials_file import MaterialRecord, read_materials, write_materials
 
 FULL_COLOUR_DEVIATIONS = 5.0  # standard deviations at which the picture of a residual is fully red or blue
-GLOSS_CHANNELS = ("beta", "gamma", "error.beta", "error.gamma")  # channels of gloss.exr
-TAIL_CHANNELS = ("nu", "error.nu")  # further ones, where facets have tails: ν is 0 for Gaussian ones
 VARIANCE_CHANNELS = ("normal", "distance")  # channels of variance.exr
 UNKNOWN_VARIANCE = np.finfo(np.float32).max  # stands in variance.exr for an infinite one; older files have infinity
 ASSUMPTIONS, RIG = "assumptions.json", "rig.json"
 Map = NDArray[np.floating]
+NAME = "terms.json"
+ERROR_PREFIX = "error."  # prefix of the channels of standard errors
 
 
 def write_measurement(measurement: Measurement, home: Path) -> None:
@@ -178,17 +178,10 @@ def _read_body(home: Path, surface: MeasuredSurface) -> BodyMap | None:
     maps = read_maps(inside(home, "gloss.exr"), GLOSS_CHANNELS, surface)
     gloss = None
     if maps is not None:
-        has_gloss = maps[0] > 0.0
-        beta, gamma, beta_error, gamma_error = (np.where(has_gloss, one, np.nan).astype(np.float64) for one in maps)
-        errors = np.full(value.shape, np.nan) if error is None else error
-        gloss = GlossMap(beta, gamma, beta_error, gamma_error, value, errors)
         tails = read_maps(inside(home, "gloss.exr"), TAIL_CHANNELS, surface, optional=True)
+        gloss = gloss_from_channels(maps, tails, value, error)
         if tails is None:
             gloss = with_tails(gloss, surface.materials, surface.labels)
-        else:
-            nu = np.where(has_gloss, np.where(tails[0] > 0.0, tails[0], np.inf), np.nan).astype(np.float64)
-            nu_error = np.where(np.isfinite(nu) & (tails[1] > 0.0), tails[1], np.nan).astype(np.float64)
-            gloss = replace(gloss, nu=nu, nu_error=nu_error)
     return BodyMap(value, error, surface.materials, surface.labels, gloss=gloss)
 
 
@@ -246,3 +239,87 @@ def read_maps(
     if not set(names) <= set(layers) or layers[names[0]].shape != surface.labels.shape:
         raise InputError(f"{path} must have the channels {', '.join(names)} in the size of labels.png: measure again")
     return tuple(layers[name] for name in names)
+
+
+class TermsFile(ForeignRecord, frozen=True, kw_only=True):
+    """terms.json."""
+
+    terms: Annotated[dict[str, TermEstimate], about("name of each term of the model → its estimate")]
+
+
+def write_terms(home: Path, estimates: Mapping[str, TermEstimate]) -> None:
+    """Write the file into the folder `home`; nothing where nothing was estimated."""
+    if estimates:
+        each = {name: asdict(estimate) for name, estimate in estimates.items()}
+        write_json(home / NAME, {"hagoromo": written_by(), "terms": each})
+
+
+def read_terms(home: Path) -> dict[str, TermEstimate]:
+    """What `write_terms` wrote into the folder."""
+    path = inside(home, NAME)
+    return decode(read_json(path), TermsFile, str(path)).terms if path.is_file() else {}
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredSurface:
+    """A surface of h × w pixels in C channels, as its files have it.
+
+    materials; labels: (h, w) index into them, −1 unknown. normals: (h, w, 3) unit, world axes. points: (h, w, 3) [m].
+    body: (h, w, C) α c_b of each pixel [1/sr]; body_error: its standard error. Vectors and colours are 0 where unknown;
+    points, body and body_error are None where the folder does not have them.
+    """
+
+    materials: tuple[MaterialEstimate, ...]
+    labels: NDArray[np.int64]
+    normals: NDArray[np.float32]
+    points: NDArray[np.floating] | None
+    body: NDArray[np.float32] | None
+    body_error: NDArray[np.float32] | None
+
+
+def read_surface(folder: str | Path) -> MeasuredSurface:
+    """The surface in materials.json, labels.png, normals.exr and, where they exist, points.exr and body.exr.
+
+    Channels of body.exr are in the order R, G, B, or else in that of their names ("0", "1", …).
+    `InputError` where a file is missing or damaged, or the files do not go together.
+    """
+    home = Path(folder)
+    materials = read_materials(of_folder(home, "materials.json", "a folder that `hagoromo measure` wrote"))
+    labels = read_png(inside(home, "labels.png")).astype(np.int64) - 1
+    if labels.ndim != 2 or labels.max() >= len(materials):
+        raise InputError(f"{home / 'labels.png'} has labels up to {labels.max() + 1}: materials are {len(materials)}")
+    at_points, at_body = inside(home, "points.exr"), inside(home, "body.exr")
+    normals = _normals(inside(home, "normals.exr"))
+    points = read_points(at_points) if at_points.is_file() else None
+    body, body_error = _body(at_body) if at_body.is_file() else (None, None)
+    surface = MeasuredSurface(materials, labels, normals, points, body, body_error)
+    channels = {"normals": 3, "points": 3, "body": len(materials[0].body_colour), "body_error": 0} if materials else {}
+    for name in channels:
+        part = getattr(surface, name)
+        if part is not None and (part.shape[:2] != labels.shape or part.shape[2] != (channels[name] or part.shape[2])):
+            raise InputError(f"{home}: {name} of shape {part.shape} for labels of {labels.shape}: measure again")
+    return surface
+
+
+def colour_channels(names: set[str]) -> tuple[str, ...]:
+    """`names` of the channels of a colour, in order."""
+    return tuple("RGB") if names == set("RGB") else tuple(sorted(names, key=lambda name: (len(name), name)))
+
+
+def _body(path: Path) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
+    """Values and, where there are any, their standard errors."""
+    layers, _ = read_exr(path)
+    names = colour_channels({name for name in layers if "." not in name})
+    if not names:
+        raise InputError(f"{path} has no channel of a colour: it has {', '.join(layers)}: measure again")
+    values = np.stack([layers[name] for name in names], axis=2)
+    errors = [layers[ERROR_PREFIX + name] for name in names if ERROR_PREFIX + name in layers]
+    return values, np.stack(errors, axis=2) if len(errors) == len(names) else None
+
+
+def _normals(path: Path) -> NDArray[np.float32]:
+    layers, _ = read_exr(path)
+    names = [f"N.{axis}" for axis in "XYZ"]
+    if not set(names) <= set(layers):
+        raise InputError(f"{path} must have the channels {', '.join(names)}: it has {', '.join(layers)}")
+    return np.stack([layers[name] for name in names], axis=2)

@@ -186,7 +186,12 @@ def stratified(capture: Capture, pixels: Pixels, limit: int, seed: int) -> NDArr
     angle = np.full(len(pixels), np.pi)
     for photograph in capture.photographs:
         angle = np.minimum(angle, sight_of(photograph, pixels.points, pixels.normals).least_half_angle)
-    stratum = np.digitize(angle, STRATA[1:-1])
+    return evenly_drawn(angle, limit, seed)
+
+
+def evenly_drawn(half_angle: Array, limit: int, seed: int) -> NDArray[np.intp]:
+    """Indices of `limit` samples of half angles φ (N,) [rad], so that strata of φ have sizes as equal as possible."""
+    stratum = np.digitize(half_angle, STRATA[1:-1])
     random = np.random.default_rng(seed)
     members = sorted((random.permutation(np.flatnonzero(stratum == s)) for s in range(len(STRATA) - 1)), key=len)
     chosen: list[NDArray[np.intp]] = []

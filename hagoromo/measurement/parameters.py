@@ -21,6 +21,8 @@ from hagoromo.reflectance.parameters import ROWS
 Array = NDArray[np.float64]
 
 TAIL, STRENGTH, LOG_GAMMA, LOG_N1 = -4, -3, -2, -1  # places in θ
+PLACES = {"nu": TAIL, "gamma": LOG_GAMMA, "n": LOG_N1}  # of the coordinates in which the table has them fitted
+GAMMA_RANGE, N_RANGE = ROWS["gamma"].fit.range, ROWS["n"].fit.range  # admissible
 DARKEST_COLOUR = 1e-3  # smallest interface colour of a channel, against the mean, that is packed
 
 

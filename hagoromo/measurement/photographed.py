@@ -17,8 +17,7 @@ from hagoromo.files.checks import inside
 from hagoromo.files.record import decode, read_json, write_json, written_by
 from hagoromo.light.lamp import Lamp
 from hagoromo.photograph.capture import Capture
-from hagoromo.photograph.lamp_files import load_lamps
-from hagoromo.photograph.lamps_file import LampsRecord
+from hagoromo.photograph.lamp_files import LampsRecord, load_lamps
 from hagoromo.photograph.transforms import record_from_lamp
 
 CAMERA, LAMPS, RESPONSE = "camera.json", "lamps.json", "response.csv"

@@ -10,12 +10,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from hagoromo.errors import InputError
 from hagoromo.measurement.material.estimate import estimate_material
 from hagoromo.measurement.material.model_choice import Facets, Interface
-from hagoromo.measurement.observations import MOST_VALUES, STRATA, Observations
+from hagoromo.measurement.observations import MOST_VALUES, Observations, evenly_drawn
 from hagoromo.measurement.sight import Array, Sight
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
 from hagoromo.reflectance.torrance_sparrow import Cosines
@@ -82,13 +82,7 @@ class ReflectanceTable:
         limit = most // self.values.shape[1]
         if len(self.values) <= limit:
             return self
-        stratum = np.digitize(np.arccos(self.cosines.half[:, 0]), STRATA[1:-1])
-        random = np.random.default_rng(seed)
-        members = sorted((random.permutation(np.flatnonzero(stratum == s)) for s in range(len(STRATA) - 1)), key=len)
-        chosen: list[NDArray[np.intp]] = []
-        for left, member in zip(range(len(members), 0, -1), members, strict=True):
-            chosen.append(member[: (limit - sum(map(len, chosen))) // left])
-        rows = np.sort(np.concatenate(chosen))
+        rows = evenly_drawn(np.arccos(self.cosines.half[:, 0]), limit, seed)
         variance = None if self.variance is None else self.variance[rows]
         return replace(self, to_lamp=self.to_lamp[rows], to_eye=self.to_eye[rows], values=self.values[rows],
                        variance=variance)  # fmt: skip

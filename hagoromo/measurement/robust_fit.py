@@ -19,6 +19,7 @@ from hagoromo.measurement.observations import Observations
 from hagoromo.measurement.parameters import (
     LOG_GAMMA,
     LOG_N1,
+    PLACES,
     STRENGTH,
     TAIL,
     channels_of,
@@ -29,7 +30,6 @@ from hagoromo.measurement.parameters import (
 from hagoromo.measurement.sight import Array
 from hagoromo.reflectance.parameters import ROWS
 
-GAMMA_RANGE, N_RANGE = ROWS["gamma"].fit.range, ROWS["n"].fit.range  # admissible
 SMALLEST_DECREMENT = 1e-6  # of Σρ: a row whose next step would lower it by less has converged (0.1 % of an error)
 STRONGEST_CONTRAST = 5.0  # largest number of the interface colour: channels that differ by a factor of 1000
 MATERIAL_FIT_STEPS = 60  # largest number of steps of one row
@@ -127,6 +127,6 @@ def _bounds(size: int) -> tuple[Array, Array]:
     colours = colour_slice(channels_of(low))
     low[colours], high[colours] = -STRONGEST_CONTRAST, STRONGEST_CONTRAST
     low[STRENGTH] = 0.0
-    for place, key in ((TAIL, "nu"), (LOG_GAMMA, "gamma"), (LOG_N1, "n")):
+    for key, place in PLACES.items():
         low[place], high[place] = ROWS[key].fit.bounds
     return low, high

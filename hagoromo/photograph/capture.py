@@ -29,8 +29,15 @@ from hagoromo.files.png import png_bytes, write_png
 from hagoromo.files.record import ForeignRecord, decode, read_json, write_json, written_by
 from hagoromo.files.whole import whole_folder
 from hagoromo.photograph.photograph import Photograph
-from hagoromo.photograph.pixels import SUFFIXES, default_channels, read_mask, read_pixels, write_pixels
-from hagoromo.photograph.points_file import read_points, write_points
+from hagoromo.photograph.pixels import (
+    SUFFIXES,
+    default_channels,
+    read_mask,
+    read_pixels,
+    read_points,
+    write_pixels,
+    write_points,
+)
 from hagoromo.photograph.transforms import (
     CaptureRecord,
     FrameRecord,

@@ -7,6 +7,7 @@ transforms.json, so 24 megapixels need some 100 MB on disk and memory for one.
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,14 +15,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hagoromo.camera.camera import Camera
 from hagoromo.camera.formats.nerfstudio import record_from_camera
 from hagoromo.files.exr import write_exr
 from hagoromo.files.memory import require
 from hagoromo.files.png import write_png
 from hagoromo.files.record import write_json, written_by
 from hagoromo.files.whole import whole_folder
+from hagoromo.light.lamp import Lamp
 from hagoromo.photograph.capture import TRANSFORMS, shared_keys, write_response
-from hagoromo.photograph.lamp_sides import lamp_remarks
 from hagoromo.photograph.object_mask import Thumbnails
 from hagoromo.photograph.pixels import ALPHA, NATIVE, default_channels, write_pixels
 from hagoromo.photograph.session import Session
@@ -33,6 +35,9 @@ from hagoromo.progress import Progress, silent
 IMAGES, MASKS, OBJECT_MASK = "images", "masks", "masks/object.png"
 BYTES_PER_VALUE = 24.0  # memory of one value of the photograph that is being developed, with all copies
 LARGEST_HALF = 6e4
+WIDEST_GAP = 180.0  # [°] between neighbouring lamps around the line of sight; beyond it they are all on one side
+ON_AXIS = 0.15  # sine of the angle from the line of sight below which a lamp is on no side
+SIDES = ("right", "upper right", "top", "upper left", "left", "lower left", "bottom", "lower right")
 
 
 @dataclass(frozen=True)
@@ -135,3 +140,26 @@ def _write_transforms(
     own = [{k: v for k, v in frame.items() if k not in shared or shared[k] != v} for frame in frames]
     top = {"hagoromo": written_by(), **shared}
     write_json(home / TRANSFORMS, {**top, "lamps": [json.loads(lamp) for lamp in lamps], "frames": own})
+
+
+def lamp_remarks(lamps: Sequence[Lamp], camera: Camera | None) -> tuple[str, ...]:
+    """One line if three far lamps or more all stand on one side of the line of sight."""
+    far = [np.asarray(lamp.to_lamp) for lamp in lamps if lamp.to_lamp is not None]
+    if camera is None or len(far) < max(len(lamps), 3):
+        return ()
+    across, down = (camera.world_to_camera[row, :3] for row in (0, 1))
+    place = np.array([[to @ across, -(to @ down)] for to in far])
+    place = place[np.hypot(*place.T) > ON_AXIS]
+    if len(place) < max(3, 0.6 * len(far)):
+        return ()
+    around = np.sort(np.degrees(np.arctan2(place[:, 1], place[:, 0])))
+    gaps = np.diff([*around, around[0] + 360.0])
+    widest = int(np.argmax(gaps))
+    if gaps[widest] <= WIDEST_GAP:
+        return ()
+    middle = around[widest] + 0.5 * gaps[widest]
+    side = SIDES[round(middle / 45.0) % 8]
+    return (
+        f"all {len(far)} lamps are on one side: none lights the object from the {side} of the picture, over "
+        f"{gaps[widest]:.0f}°, and what faces there is not measured: add a lamp there",
+    )

@@ -14,7 +14,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.least_squares.log_interval import log_interval
+from hagoromo.least_squares.loss import log_interval
 
 Array = NDArray[np.float64]
 

@@ -9,17 +9,16 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path, PureWindowsPath
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from hagoromo.errors import InputError
 from hagoromo.files.checks import existing_file, read_bytes
-from hagoromo.files.record import decode, read_json
+from hagoromo.files.record import ForeignRecord, WrittenBy, about, decode, like, read_json
 from hagoromo.files.whole import whole_file
 from hagoromo.light.lamp import Lamp
-from hagoromo.photograph.lamps_file import LampsRecord
-from hagoromo.photograph.transforms import lamp_from_record
+from hagoromo.photograph.transforms import LampRecord, lamp_from_record
 
 LP = ".lp"
 FITTED = (".rti", ".ptm", ".hsh")  # hold the coefficients of a fit and no lamps
@@ -128,3 +127,20 @@ def _far(direction: Any, name: str, where: str) -> Lamp:
     if vector.shape != (3,) or not np.isfinite(vector).all() or not np.linalg.norm(vector) > 0.0:
         raise InputError(f"{where} has the direction {direction!r:.40}: it must be x y z, not all 0")
     return Lamp(to_lamp=tuple(vector), name=name)
+
+
+class LampsRecord(ForeignRecord, frozen=True, kw_only=True):
+    """lamps.json, as `calibrate lamps` writes it; other programs may write `lamps` only."""
+
+    version_key = "hagoromo.format_version"
+    takes_null = True
+
+    lamps: Annotated[list[Annotated[dict[str, Any], like(LampRecord)]], about("the lamps, as a capture lists them")]
+    ball: Annotated[dict[str, Any] | None, about("the first chrome ball: centre and radius in the image [px]")] = None
+    balls: Annotated[list[dict[str, Any]], about("all chrome balls [px]")] = []
+    spread: Annotated[dict[str, Any] | None, about("how well directions determine normals; null: not at all")] = None
+    object: Annotated[dict[str, Any] | None, about("the object that took the place of a ball")] = None
+    readings: Annotated[
+        list[dict[str, Any]], about("each lamp with its standard errors [°], [m], and where its intensity comes from")
+    ] = []
+    hagoromo: Annotated[WrittenBy, about("what wrote the file")] = WrittenBy()

@@ -13,10 +13,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.camera.camera import Camera
+from hagoromo.camera.camera import Camera, unplaced_camera
 from hagoromo.camera.formats.camera_file import read_camera
 from hagoromo.camera.response import Response
-from hagoromo.camera.unplaced import unplaced_camera
 from hagoromo.errors import InputError
 from hagoromo.files.checks import existing_file
 from hagoromo.files.exr import read_header
@@ -24,13 +23,13 @@ from hagoromo.files.picture import by_name
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.photograph.developing import AS_IN_THE_FILES, Developing
+from hagoromo.photograph.development.undistort import Straightener
 from hagoromo.photograph.lamp_files import faces_up, lamp_of_each, load_lamps
 from hagoromo.photograph.object_mask import AUTO, ObjectMask, Thumbnails, object_mask
 from hagoromo.photograph.pixels import SUFFIXES, default_channels, read_mask
 from hagoromo.photograph.session_exif import SessionExif, session_exif
 from hagoromo.photograph.session_transfer import Shaded, estimated_transfer, needs_estimate
 from hagoromo.photograph.shot import Shot, ShotReader
-from hagoromo.photograph.straighten import Straightener
 
 ORTHOGRAPHIC = "orthographic"
 Masks = str | Path | Sequence[str | Path]

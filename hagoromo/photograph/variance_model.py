@@ -6,7 +6,7 @@ of display-encoded numbers a curve. Samples that were interpolated from a mosaic
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -158,9 +158,3 @@ def _spread(native: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArra
     """(2, 2) Σ w² over the samples of one colour around each place of the mosaic."""
     around = [native[2 + i : 4 + i, 2 + j : 4 + j] * weights[1 + i, 1 + j] ** 2 for i in (-1, 0, 1) for j in (-1, 0, 1)]
     return np.sum(around, axis=0).astype(np.float32)
-
-
-def linear_model(floor: Sequence[float], slope: Sequence[float], mosaic: str = "") -> VarianceModel:
-    """The model floor + slope · value, one number per channel."""
-    low = np.asarray(floor, np.float64)
-    return VarianceModel(np.array([0.0, 1.0]), np.stack([low, low + np.asarray(slope, np.float64)], axis=1), mosaic)

@@ -226,6 +226,12 @@ PARAMETERS = (
 )  # fmt: skip
 ROWS = {each.name: each for each in PARAMETERS}
 NUMBERS = tuple(each for each in PARAMETERS if each.range is not None)
+STATED = tuple(each.name for each in NUMBERS if each.column == "always")  # that every reflectance states: α, β, γ, n
+GLOSS = tuple(each.name for each in NUMBERS if each.part == "interface")  # of the interface: β, γ, n, ν
+OF_LOBES = ("beta", "gamma")  # numbers that each further lobe has of its own
+# What photographs that show no interface leave open of it: all that is admissible in a fit
+OPEN_GLOSS = {key: fitted.range if (fitted := ROWS[key].fitted) else (0.0, math.inf) for key in GLOSS}
+MATTE = {"beta": 0.0, "gamma": 0.2, "n": 1.5}  # of what has no gloss: on γ and n depends clear light alone
 FITTED_BODY_LAW = tuple(name for name in PLAIN_BODY if ROWS[name].fitted)  # what is measured of the law of the body
 REFLECTING = tuple(each for each in PARAMETERS if each.part in ("body", "interface", "element"))
 MEASURED = tuple(each for each in REFLECTING if each.name not in PLAIN_BODY or each.fitted)  # of a measured material

@@ -22,6 +22,7 @@ from hagoromo.reflectance.number_arrays import broadcast_directions, numbers_of,
 from hagoromo.reflectance.parameters import (
     LARGEST_BETA,
     LARGEST_GAMMA,
+    MATTE,
     NUMBERS,
     ROWS,
     SMALLEST_GAMMA,
@@ -71,7 +72,7 @@ class Reflectance(BodyLaw):
     sheet with two sides, which reflect alike.
     Raises `InputError` for values outside their range and for a reflectance that gives back more than it receives.
 
-    >>> matte = hg.Reflectance(alpha=0.2, beta=0.0, gamma=0.2, n=1.5, body_colour=hg.Spectrum.constant(0.5))
+    >>> matte = hg.Reflectance.matte(0.2, hg.Spectrum.constant(0.5))
     >>> round(matte.body_albedo, 4)  # π · 0.2 · 0.5
     0.3142
     """
@@ -106,6 +107,15 @@ class Reflectance(BodyLaw):
         self._check_transmission(who)
         self._check_energy(who)
 
+    @classmethod
+    def matte(cls, alpha: float, body_colour: Spectrum, **further: Any) -> Reflectance:
+        """A reflectance without gloss; on its γ and n depends clear light alone. further: parameters by their names.
+
+        >>> hg.Reflectance.matte(0.2, hg.Spectrum.constant(0.5)).beta
+        0.0
+        """
+        return cls(**{"alpha": alpha, "body_colour": body_colour, **MATTE, **further})
+
     def __repr__(self) -> str:
         """What is not as it is by default."""
         return f"Reflectance({', '.join(f'{key}={value!r}' for key, value in self._stated().items())})"
@@ -129,7 +139,7 @@ class Reflectance(BodyLaw):
         transmits, the light that has passed through is in it. In double precision; `InputError` for directions that
         are not finite or 0.
 
-        >>> matte = hg.Reflectance(alpha=0.2, beta=0.0, gamma=0.2, n=1.5, body_colour=hg.Spectrum.constant(0.5))
+        >>> matte = hg.Reflectance.matte(0.2, hg.Spectrum.constant(0.5))
         >>> matte.evaluate([0, 0, 1], [0, 0, 1], [[0, 0, 1], [0, 1, 1]]).round(3).tolist()
         [[0.1], [0.1]]
         """
@@ -148,7 +158,7 @@ class Reflectance(BodyLaw):
         numbers: (..., 3), independent and uniform in [0, 1): which lobe, and two for the direction. A direction may be
         below the horizon, where f is 0. `InputError` for other elements and what transmits, see `pdf`.
 
-        >>> matte = hg.Reflectance(alpha=0.2, beta=0.0, gamma=0.2, n=1.5, body_colour=hg.Spectrum.constant(0.5))
+        >>> matte = hg.Reflectance.matte(0.2, hg.Spectrum.constant(0.5))
         >>> to_lamp, density = matte.sample([0, 0, 1], [0, 0, 1], [0.5, 0.0, 0.0])
         >>> to_lamp.round(6).tolist(), round(float(density), 4)
         ([0.0, 0.0, 1.0], 0.3183)

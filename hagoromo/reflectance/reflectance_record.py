@@ -14,29 +14,29 @@ from hagoromo.files.record import Record, decode, like
 from hagoromo.light.spectrum import SOURCE, Spectrum, SpectrumRecord
 from hagoromo.reflectance.element import Element
 from hagoromo.reflectance.facets import GAUSSIAN, TailExponent
-from hagoromo.reflectance.parameters import PLAIN_BODY, meaning
+from hagoromo.reflectance.parameters import PLAIN_BODY, STATED, meaning
 from hagoromo.reflectance.pigment import PigmentRecord, pigment_from_record, skin_colour
 from hagoromo.reflectance.reflectance import MOST_LOBES, NEUTRAL, Lobe, Reflectance
 
 if TYPE_CHECKING:
-    BodyLawRecord = Record
+    NumbersRecord = Record
 else:
-    BodyLawRecord = defstruct(
-        "BodyLawRecord",
-        [(key, Annotated[float, meaning(key, "; of planes only")], plain) for key, plain in PLAIN_BODY.items()],
+    OF_ALPHA = {"alpha": "; 1/π: body_colour is the albedo"}
+    NumbersRecord = defstruct(
+        "NumbersRecord",
+        [
+            *((key, Annotated[float, meaning(key, "; of planes only")], plain) for key, plain in PLAIN_BODY.items()),
+            *((key, Annotated[float, meaning(key, OF_ALPHA.get(key, ""))]) for key in STATED),
+        ],
         bases=(Record,),
         frozen=True,
         kw_only=True,
     )
 
 
-class ReflectanceRecord(BodyLawRecord, frozen=True, kw_only=True):
+class ReflectanceRecord(NumbersRecord, frozen=True, kw_only=True):
     """A reflectance by its parameters: dichromatic Torrance–Sparrow."""
 
-    alpha: Annotated[float, meaning("alpha", "; 1/π: body_colour is the albedo")]
-    beta: Annotated[float, meaning("beta")]
-    gamma: Annotated[float, meaning("gamma")]
-    n: Annotated[float, meaning("n")]
     nu: Annotated[TailExponent | None, meaning("nu", "; absent: Gaussian facets")] = None
     lobes: Annotated[tuple[Lobe, ...], Meta(max_length=MOST_LOBES), meaning("lobes", ", each [β, γ]")] = ()
     body_colour: Annotated[
@@ -55,7 +55,7 @@ class ReflectanceRecord(BodyLawRecord, frozen=True, kw_only=True):
 
 
 def reflectance_from_record(record: Any, where: str, folder: str | Path | None = None) -> Reflectance:
-    """A Reflectance from a table: alpha, beta, gamma [rad], n, nu, and colours as `Spectrum.load` takes them.
+    """A Reflectance from a table as `ReflectanceRecord` has it, its colours as `Spectrum.load` takes them.
 
     Gaussian facets: `nu` is absent, null or infinity.
 

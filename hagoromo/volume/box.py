@@ -42,7 +42,7 @@ class VolumeBox(BoxHeader, _Bricks):
     in the paper; or "projected", σ(ω) = τ ρ A(ω) with the projected area A of the elements (see `projected_area`), by
     which scattered light keeps its energy and is reciprocal.
 
-    >>> matte = hg.Reflectance(alpha=0.25, beta=0.0, gamma=0.2, n=1.5, body_colour=hg.Spectrum.constant(1.0))
+    >>> matte = hg.Reflectance.matte(0.25, hg.Spectrum.constant(1.0))
     >>> density, axis = np.ones((3, 5, 7)), np.zeros((3, 5, 7, 3))  # (z, y, x)
     >>> axis[..., 2] = 1.0
     >>> box = hg.VolumeBox.from_arrays(density, axis, voxel_size=0.01, tau=200.0, materials=[matte])

@@ -22,8 +22,7 @@ from hagoromo.files.apart import read_apart
 from hagoromo.files.checks import read_bytes, sized_file
 from hagoromo.files.exif import Exif
 from hagoromo.files.format import short, start_of
-from hagoromo.files.library import library
-from hagoromo.files.reading import reading
+from hagoromo.files.reading import library, reading
 
 BUNDLED = Path("the database of lensfunpy")
 LARGEST_FILE = 1 << 24  # bytes of XML

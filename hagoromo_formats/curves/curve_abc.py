@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
 from hagoromo.files.apart import read_apart
-from hagoromo.files.library import library
 from hagoromo.files.memory import require
-from hagoromo.files.reading import reading
+from hagoromo.files.reading import library, reading
 from hagoromo_formats.curves.control_points import evaluated, joined
 from hagoromo_formats.curves.polylines import Polylines, of_arrays
 from hagoromo_formats.meshes.mesh_abc import BYTES_PER_NUMBER, MOST_OBJECTS, placed_objects

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.files.apart import read_apart
-from hagoromo.files.library import library
-from hagoromo.files.reading import reading
+from hagoromo.files.reading import library, reading
 from hagoromo_formats.curves.control_points import evaluated, joined
 from hagoromo_formats.curves.polylines import Polylines, of_arrays
 from hagoromo_formats.scenes.usd_stage import open_stage, shown, unpacked, usd_file

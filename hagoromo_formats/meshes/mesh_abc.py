@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
 from hagoromo.files.apart import read_apart
-from hagoromo.files.library import library
 from hagoromo.files.memory import require
-from hagoromo.files.polygons import fans
-from hagoromo.files.reading import reading
+from hagoromo.files.mesh import fans
+from hagoromo.files.reading import library, reading
 
 BYTES_PER_NUMBER = 300.0  # of memory, of a vertex or corner while it is a number of Python's
 DEEPEST, MOST_OBJECTS = 100, 100_000  # of the tree of objects

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
 from hagoromo.files.apart import read_apart
-from hagoromo.files.library import library
-from hagoromo.files.reading import reading
+from hagoromo.files.reading import library, reading
 
 
 def read_vtp(path: Path) -> tuple[NDArray[Any], NDArray[Any]]:

@@ -12,9 +12,9 @@ import numpy as np
 from hagoromo.errors import InputError
 from hagoromo.files.checks import inside
 from hagoromo.light.environment import upsampled
-from hagoromo.light.spectrum import Spectrum
-from hagoromo.light.spectrum_file import read_spectrum_file
+from hagoromo.light.spectrum import Spectrum, read_spectrum_file
 from hagoromo.reflectance.facets import HALF_OF_GGX, TAILS_OF_GGX
+from hagoromo.reflectance.parameters import MATTE
 from hagoromo.reflectance.reflectance import LARGEST_BETA, Reflectance
 from hagoromo.reflectance.torrance_sparrow import fresnel
 from hagoromo_formats.mitsuba.bsdf_numbers import NAME, PLACED, TAKEN
@@ -29,7 +29,7 @@ IORS = {"vacuum": 1.0, "air": 1.000277, "water": 1.333, "water ice": 1.31, "poly
 METALS = {"none": (1.0, 1.0, 1.0), "Ag": (0.971, 0.960, 0.915), "Al": (0.913, 0.922, 0.924), "Au": (1.0, 0.782, 0.343),
           "Be": (0.539, 0.538, 0.537), "Cr": (0.635, 0.662, 0.704), "Cu": (0.955, 0.638, 0.538),
           "Hg": (0.781, 0.780, 0.778), "Ir": (0.701, 0.693, 0.656)}  # fmt: skip
-MIRROR = {"alpha": 0.0, "beta": 0.0, "gamma": 0.2, "n": 1.5, "body_colour": 1.0}
+MIRROR = {"alpha": 0.0, **MATTE, "body_colour": 1.0}
 SMOOTH_COAT = 0.02  # roughness that stands for a smooth coat
 CONDUCTOR_N = 10.0  # the largest index: its Fresnel curve is flatter than that of any other
 HALVINGS = 10  # of the span of indices

@@ -22,11 +22,11 @@ from hagoromo.errors import InputError
 from hagoromo.reflectance.body import is_number
 from hagoromo.reflectance.facets import GAUSSIAN
 from hagoromo.reflectance.material.material_table import reflectance_from_table
-from hagoromo.reflectance.parameters import BodyLaw
+from hagoromo.reflectance.parameters import STATED, BodyLaw
 from hagoromo.reflectance.reflectance import LARGEST_GAMMA, SMALLEST_GAMMA, Reflectance
 from hagoromo.reflectance.sampling import LobeShare, density_of_lobes, to_lamp_by_lobes
 from hagoromo.reflectance.torrance_sparrow import Weights, torrance_sparrow
-from hagoromo_formats.mitsuba.bsdf_numbers import NAME, NUMBERS, PLACED, TAKEN, numbers_of
+from hagoromo_formats.mitsuba.bsdf_numbers import NAME, PLACED, TAKEN, numbers_of
 from hagoromo_formats.mitsuba.colours import colour_of, variant
 
 COLOURS = ("body_colour", "interface_colour")
@@ -78,7 +78,7 @@ def _kind(name: str) -> Any:
             self.placed = {key: props.get_unbounded_texture(key) for key in PLACED if _is_texture(props, key)}
             made = _reflectance(props, {key: _largest(texture) for key, texture in (given | self.placed).items()})
             self.colours = [given.get(key) or mi.load_dict(colour_of(getattr(made, key))) for key in COLOURS]
-            self.numbers = {key: mi.Float(getattr(made, key)) for key in NUMBERS}
+            self.numbers = {key: mi.Float(getattr(made, key)) for key in STATED}
             law = {key: mi.Float(value) for key, value in made.body_departures.items()}
             self.nu = GAUSSIAN if made.nu == GAUSSIAN else mi.Float(made.nu)
             self.lobes = [tuple(mi.Float(x) for x in lobe) for lobe in made.lobes]

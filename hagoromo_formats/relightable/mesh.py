@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
-from hagoromo.reflectance.facets import HALF_OF_GGX
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
-from hagoromo_page.publication.lit import three_channels
+from hagoromo_formats.scenes.pbr import roughness_of
+from hagoromo_page.publication.lit import rays_to_eye, three_channels
 from hagoromo_page.publication.surface_maps import SurfaceMaps
 
 STEEPEST = 10.0  # times the median step of depth of a pixel: squares that step further are left open
@@ -22,12 +22,7 @@ def points(maps: SurfaceMaps) -> Array:
     """(h, w, 3) [m] in the page's axes, the camera at 0; `InputError` without depth."""
     if maps.depth is None:
         raise InputError("the measurement has no points, so there is no mesh: measure with --distance, or with a shape")
-    height, width = maps.labels.shape
-    camera = maps.camera
-    x = (np.arange(width) + 0.5 - camera.principal[0]) / camera.focal[0]
-    y = (np.arange(height) + 0.5 - camera.principal[1]) / camera.focal[1]
-    ray = np.stack([*np.broadcast_arrays(x[None], -y[:, None]), -np.ones((height, width))], axis=2)
-    return ray * maps.depth[..., None]
+    return -rays_to_eye(maps) * maps.depth[..., None]
 
 
 def write_mesh(paths: dict[str, Path], maps: SurfaceMaps, albedo: Array) -> None:
@@ -66,7 +61,7 @@ def roughness(material: MaterialEstimate) -> float:
     """
     if material.beta <= 0.0:
         return 1.0
-    return float(np.clip(np.sqrt(np.tan(min(material.gamma, 1.5)) / HALF_OF_GGX), 0.02, 1.0))
+    return float(np.clip(roughness_of(material.gamma), 0.02, 1.0))
 
 
 def albedo_map(maps: SurfaceMaps) -> Array:

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from hagoromo.camera.camera import Camera
 from hagoromo.camera.pose import opengl_from_opencv
 from hagoromo.errors import InputError
-from hagoromo.files.library import library
 from hagoromo.files.png import write_png
+from hagoromo.files.reading import library
 from hagoromo.files.whole import check_written, replaceable_file, scratch_folder, whole_file, whole_files
 from hagoromo.image.scene import Scene
 from hagoromo.image.surface import Surface

@@ -15,10 +15,9 @@ from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
 from hagoromo.files.apart import read_apart
-from hagoromo.files.library import library
 from hagoromo.files.memory import require
-from hagoromo.files.polygons import fans
-from hagoromo.files.reading import reading
+from hagoromo.files.mesh import fans
+from hagoromo.files.reading import library, reading
 from hagoromo_formats.scenes.usd_stage import Places, open_stage, shown, unpacked, usd_file, value
 
 BYTES_PER_CORNER = 200.0

@@ -19,9 +19,8 @@ from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
 from hagoromo.files.checks import inside, sized_file
-from hagoromo.files.library import library
 from hagoromo.files.memory import SHARE_OF_MEMORY, free_memory, require
-from hagoromo.files.reading import reading
+from hagoromo.files.reading import library, reading
 from hagoromo.files.whole import scratch_folder
 
 ARCHIVE = ".usdz"

@@ -18,9 +18,8 @@ from hagoromo.errors import InputError
 from hagoromo.files.apart import Arrays
 from hagoromo.files.checks import PACKED, check_density, existing_file
 from hagoromo.files.format import file_and_part
-from hagoromo.files.library import library
 from hagoromo.files.memory import require
-from hagoromo.files.reading import reading
+from hagoromo.files.reading import library, reading
 from hagoromo.files.volume_file import NUMBER_KINDS, VolumeFile
 from hagoromo_formats.volumes.apart_volume import ELSEWHERE, header_arrays, volume_apart
 from hagoromo_formats.volumes.payload import read_payload

@@ -13,10 +13,8 @@ import numpy as np
 from hagoromo.errors import InputError
 from hagoromo.files.apart import Arrays
 from hagoromo.files.checks import DEFLATE, check_density, existing_file
-from hagoromo.files.library import library
 from hagoromo.files.memory import require
-from hagoromo.files.reading import reading
-from hagoromo.files.silence import nibabel_silenced
+from hagoromo.files.reading import library, nibabel_silenced, reading
 from hagoromo.files.volume_file import MM, VolumeFile
 from hagoromo_formats.volumes.apart_volume import ELSEWHERE, header_arrays, volume_apart
 

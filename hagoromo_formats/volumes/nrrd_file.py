@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
 from hagoromo.files.checks import inside, sized_file
-from hagoromo.files.library import library
-from hagoromo.files.reading import reading
+from hagoromo.files.reading import library, reading
 from hagoromo.files.volume_file import MM, Later, VolumeFile
 from hagoromo.files.whole import write_bytes
 from hagoromo_formats.volumes.payload import BZIP2, GZIP, PLAIN, read_payload

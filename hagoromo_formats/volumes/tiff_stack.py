@@ -19,9 +19,8 @@ from hagoromo.errors import InputError
 from hagoromo.files.apart import Arrays
 from hagoromo.files.checks import PACKED, check_density, existing_file, inside, read_bytes
 from hagoromo.files.memory import require
-from hagoromo.files.reading import reading
-from hagoromo.files.silence import opencv_silenced, tifffile_silenced
-from hagoromo.files.tiff import read_tiff, tiff_page
+from hagoromo.files.reading import opencv_silenced, reading, tifffile_silenced
+from hagoromo.files.tiff import is_packed, read_tiff, tiff_page
 from hagoromo.files.volume_file import NUMBER_KINDS, Later, VolumeFile, grid_matrix
 from hagoromo_formats.volumes.apart_volume import ELSEWHERE, header_arrays, volume_apart
 
@@ -84,7 +83,7 @@ def numbers_by_library(path: Path, _: str) -> Arrays:
         shape = (len(series.pages), *page.shape)
         require(3.0 * math.prod(map(float, shape)) * page.dtype.itemsize, str(path))
         kind = np.dtype(page.dtype).newbyteorder(file.byteorder)
-        if not _is_packed(page):
+        if not is_packed(page):
             return {"values": series.asarray().reshape(shape).astype(kind)}
     return {"values": _unpacked(path, shape, kind.newbyteorder("=")).astype(kind)}
 
@@ -99,16 +98,12 @@ def _series(path: Path) -> Iterator[tuple[Any, Any, Any]]:
         page, count = series.keyframe, len(series.pages)
         if len(page.shape) != 2 or count < 2 or page.dtype is None or page.dtype.kind not in NUMBER_KINDS:
             raise InputError(f"{path} has {count} pages of {str(page.shape)[:40]}: a stack has two or more of grey")
-        held, packed = path.stat().st_size, _is_packed(page)
+        held, packed = path.stat().st_size, is_packed(page)
         if not packed and sum(sum(each.databytecounts) for each in series.pages if each is not None) > held:
             raise InputError(f"{path} is cut off: copy it again")
         size = count * math.prod(map(float, page.shape)) * page.dtype.itemsize
         check_density(size, path, PACKED if packed else 1.0, f"{count} pages of {str(page.shape)[:40]}")
         yield file, series, page
-
-
-def _is_packed(page: Any) -> bool:
-    return page.compression != 1
 
 
 def _unpacked(path: Path, shape: tuple[int, ...], kind: Any) -> NDArray[Any]:

@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from hagoromo.errors import InputError
 from hagoromo.files.apart import read_apart
 from hagoromo.files.checks import PACKED, check_density, existing_file
-from hagoromo.files.library import library
-from hagoromo.files.reading import reading
+from hagoromo.files.reading import library, reading
 from hagoromo.files.volume_file import MM, VolumeFile, check_size
 from hagoromo.files.whole import whole_file
 

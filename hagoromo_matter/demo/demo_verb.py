@@ -9,7 +9,7 @@ from typing import Literal
 
 import hagoromo as hg
 from hagoromo.app.progress_bar import progress_bar
-from hagoromo.app.scheduler_options import HERE, Scheduler
+from hagoromo.app.shared_options import HERE, Scheduler
 from hagoromo.app.verb import Force, Out, say, verb, verbs, wrote
 from hagoromo.files.whole import replaceable_folder
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from hagoromo.camera.camera import Camera
 from hagoromo.image.scene import Scene
 from hagoromo.light.spectrum import Spectrum
-from hagoromo.matter.kept_box import kept_box
+from hagoromo.matter.build import kept_box
 from hagoromo.progress import Progress
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.box import VolumeBox

@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 
 from hagoromo.files.plot import panels, svg_text
 from hagoromo.light.spectrum import Spectrum
+from hagoromo.reflectance.parameters import ROWS, STATED
 from hagoromo_matter.demo.measurement import ParameterRow
 from hagoromo_page.report.report_pictures import MATERIAL_COLOURS
 
-SYMBOLS = {"alpha": "α [1/sr]", "beta": "β [1/sr]", "gamma": "γ [rad]", "n": "n"}
+SYMBOLS = {key: ROWS[key].shown for key in STATED}
 PLOT_WAVELENGTHS = np.linspace(400.0, 700.0, 301)  # [nm]
 
 

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.camera.response import camera_white
-from hagoromo.camera.srgb_from_camera import srgb_from_camera
+from hagoromo.camera.response import camera_white, srgb_from_camera
 from hagoromo.files.exr import write_exr
 from hagoromo.files.png import write_png
 from hagoromo.image.compare import compare

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from hagoromo.camera.response import Response
-from hagoromo.camera.srgb_from_camera import srgb_from_camera
+from hagoromo.camera.response import Response, srgb_from_camera
 from hagoromo.files.png import read_png
 from hagoromo.image.image import read_image
 from hagoromo.light.spectrum import Spectrum

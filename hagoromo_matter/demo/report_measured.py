@@ -15,7 +15,7 @@ from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo_matter.demo.measurement import ParameterRow
-from hagoromo_matter.demo.plots import measured_against_true, residual_histogram, spectra
+from hagoromo_matter.demo.plots import SYMBOLS, measured_against_true, residual_histogram, spectra
 from hagoromo_matter.demo.relit import RIM_PX, Relit
 from hagoromo_matter.demo.samples import ISO, RADIUS, ROW_DISTANCE
 from hagoromo_matter.demo.size import Size
@@ -25,7 +25,6 @@ from hagoromo_page.report.findings import findings, missing
 from hagoromo_page.report.page import page_drawing, page_picture, page_text, page_viewer
 from hagoromo_page.report.report_pictures import around, developed, fitted_residuals, labels, residual
 
-SYMBOLS = {"alpha": "α [1/sr]", "beta": "β [1/sr]", "gamma": "γ [rad]", "n": "n"}
 VIEWER_BYTES = 1_700_000  # of the samples to relight
 PACKAGE = "hagoromo_matter.demo"
 

@@ -38,6 +38,11 @@ class Folds(NamedTuple):
     seed: int
 
 
+def upper_hem(s: Place, t: Place) -> Place:
+    """Where a tube is held by its last row."""
+    return (t == 1.0) + np.zeros_like(s)
+
+
 def upright(rows: Sequence[TubeRow], heights: tuple[float, float], tilt: float, folds: Folds, **record: Any) -> Cut:
     """A tube that begins around the axis z between the heights of its hems, its seam behind.
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
-from hagoromo.files.mesh_parts import MeshParts, read_parts
+from hagoromo.files.mesh import MeshParts, read_parts
 from hagoromo_matter.solid.solid import stood
 
 LOG = logging.getLogger(f"hagoromo.{__name__}")

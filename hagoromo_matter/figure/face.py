@@ -15,6 +15,7 @@ from hagoromo.matter.shape import (
     capsule,
     ellipsoid,
     placed,
+    rising,
     smooth_difference,
     smooth_union,
     sphere,
@@ -34,14 +35,14 @@ def eyes(head: Any, p: Any) -> Any:
     head = smooth_union(head, ellipsoid(p, EYE, (EYE_RADIUS * 1.14, EYE_RADIUS, EYE_RADIUS * 0.98)), 0.8)
     front = clip((-p.y - 7.0) * 0.5, 0.0, 1.0)
     along = (p.x - CANTHI[0][0]) / (CANTHI[1][0] - CANTHI[0][0])  # 0…1 from the inner to the outer corner
-    inside = _rising(along * 4.0) * _rising((1.0 - along) * 3.0)
+    inside = rising(along * 4.0) * rising((1.0 - along) * 3.0)
     bow = clip(4.0 * along * (1.0 - along), 0.0, 1.0)
     straight = CANTHI[0][1] + (CANTHI[1][1] - CANTHI[0][1]) * along
     lash = p.z - (straight - 1.2 * bow)
     crease = p.z - (straight + 0.95 * bow + 0.35)
     upper = 0.13 * _bell(lash - 0.3, 0.3) * inside  # its margin stands over the lower lid
     groove = 0.2 * _bell(lash, 0.14) * inside
-    fold = 0.12 * _bell(crease, 0.24) * _rising(along * 3.0) * _rising((1.15 - along) * 3.0)
+    fold = 0.12 * _bell(crease, 0.24) * rising(along * 3.0) * rising((1.15 - along) * 3.0)
     return head - front * (upper - groove - fold)
 
 
@@ -67,7 +68,7 @@ def mouth(head: Any, p: Any) -> Any:
     head = smooth_union(head, ellipsoid(p, (0.0, -9.6, -11.2), (5.0, 4.6, 4.3)), 3.0)
     part, line, top, bottom, round_ = _lips(p)
     front = clip((-p.y - 8.0) * 0.5, 0.0, 1.0)
-    taper = _rising((1.05 - part) * 3.0)
+    taper = rising((1.05 - part) * 3.0)
     above, below = (p.z - line) / top, (line - p.z) / bottom  # 0…1 over the lips
     full = taper * (0.42 * _lip(above) * (0.4 + 0.6 * round_) + 0.68 * _lip(below) * round_)
     full += 0.14 * _bell(part, 0.2) * _bell(above - 0.4, 0.4)  # the tubercle
@@ -83,7 +84,7 @@ def lips(p: Any) -> Any:
     """0…1: how much a point of the face is of the lips' red."""
     part, line, top, bottom, _ = _lips(p)
     inside = dr.fmin((line + top - p.z) * 3.0, (p.z - line + bottom) * 3.0)
-    return _rising(dr.fmin(inside, dr.fmin((1.02 - part) * 6.0, (-p.y - 8.0) * 2.0)))
+    return rising(dr.fmin(inside, dr.fmin((1.02 - part) * 6.0, (-p.y - 8.0) * 2.0)))
 
 
 def _lips(p: Any) -> tuple[Any, Any, Any, Any, Any]:
@@ -97,16 +98,10 @@ def _lips(p: Any) -> tuple[Any, Any, Any, Any, Any]:
 
 def _lip(part: Any) -> Any:
     """Profile of a lip from the line between the lips, 0, to its border, 1: round, and full near the line."""
-    near = (0.55 + 0.45 * _rising(part * 2.2)) * _rising(6.0 * part + 0.5)
-    return near * (1.0 - 0.25 * part) * _rising((1.1 - part) * 1.7)
+    near = (0.55 + 0.45 * rising(part * 2.2)) * rising(6.0 * part + 0.5)
+    return near * (1.0 - 0.25 * part) * rising((1.1 - part) * 1.7)
 
 
 def _bell(offset: Any, width: float) -> Any:
     """exp(−(offset/width)²)."""
     return dr.exp(-dr.square(offset * (1.0 / width)))
-
-
-def _rising(t: Any) -> Any:
-    """0 below 0, 1 above 1, a smooth cubic between."""
-    t = clip(t, 0.0, 1.0)
-    return t * t * (3.0 - 2.0 * t)

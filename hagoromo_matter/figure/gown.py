@@ -10,7 +10,7 @@ from hagoromo_matter.drape.cut import Cut, Place
 from hagoromo_matter.drape.dressed import dressed, put_on
 from hagoromo_matter.drape.settle import ClothMechanics, Fall
 from hagoromo_matter.drape.sheet import Sheet
-from hagoromo_matter.drape.tube import Folds, TubeRow, along_arm, upright
+from hagoromo_matter.drape.tube import Folds, TubeRow, along_arm, upper_hem, upright
 from hagoromo_matter.figure.mannequin import arm, trunk
 from hagoromo_matter.figure.pose import WELCOME, Pose
 
@@ -39,7 +39,7 @@ ROOT = (15.0, 4.0, 208.0), (21.5, 3.5, 203.0)  # of a sleeve, inside the shoulde
 def gown(fall: Fall, pose: Pose = WELCOME) -> list[Sheet]:
     """Gown, sash, left and right sleeve, at rest on a figure in a pose."""
     seed, body = fall.seed, partial(trunk, pose=pose)
-    skirt = upright(GOWN, (1.0, NECK), TILT, Folds(17, seed), reach=_belted, held=_upper_hem)
+    skirt = upright(GOWN, (1.0, NECK), TILT, Folds(17, seed), reach=_belted, held=upper_hem)
     dress = put_on([skirt], [body], CLOTH, fall)
     band = upright(SASH, SASH_AT, 0.0, Folds(5, seed + 1), reach=lambda s, t: np.full(np.broadcast(s, t).shape, 1.2))
     sash = put_on([band], [dressed(body, dress)], CLOTH, Fall(0.7 * fall.spacing, 0.3, 1, seed + 1))
@@ -66,7 +66,3 @@ def _clinging(s: Place, t: Place) -> Place:
 
 def _belted(s: Place, t: Place) -> Place:
     return np.where(np.abs(t * GOWN[-1].along - WAIST) < BELTED, 1.0, np.inf) + np.zeros_like(s)
-
-
-def _upper_hem(s: Place, t: Place) -> Place:
-    return (t == 1.0) + np.zeros_like(s)

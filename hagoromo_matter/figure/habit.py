@@ -15,7 +15,7 @@ from hagoromo_matter.drape.cut import Cut, Place
 from hagoromo_matter.drape.dressed import dressed, put_on
 from hagoromo_matter.drape.settle import ClothMechanics, Fall
 from hagoromo_matter.drape.sheet import Sheet
-from hagoromo_matter.drape.tube import Folds, TubeRow, upright
+from hagoromo_matter.drape.tube import Folds, TubeRow, upper_hem, upright
 from hagoromo_matter.figure.gown import SASH, SASH_AT, SHORT, sleeve
 from hagoromo_matter.figure.mannequin import arm, trunk
 from hagoromo_matter.figure.pose import PRAYER, Pose
@@ -58,14 +58,14 @@ def habit(fall: Fall, pose: Pose = PRAYER) -> dict[str, list[Sheet]]:
     seed, body = fall.seed, partial(trunk, pose=pose, bust=BUST, step=STEP)
     fine, short = Fall(0.7 * fall.spacing, 0.4, 1, seed), fall._replace(levels=1, seconds=SHORT)
     tunic = put_on(
-        [upright(TUNIC, (1.0, NECK), TILT, Folds(16, seed + 5), reach=_belted, held=_last_row)], [body], WOOL, fall
+        [upright(TUNIC, (1.0, NECK), TILT, Folds(16, seed + 5), reach=_belted, held=upper_hem)], [body], WOOL, fall
     )
     band = upright(SASH, SASH_AT, 0.0, Folds(5, seed + 1), reach=lambda s, t: np.full(np.broadcast(s, t).shape, 1.2))
     worn = tunic + put_on([band], [dressed(body, tunic)], WOOL, fine)
     sides = (1.0, -1.0)
     cuts = [sleeve(pose, side, layer, seed + 2, HABIT_SLEEVE) for layer, side in enumerate(sides)]
     worn += put_on(cuts, [_beside(pose, side) for side in sides], WOOL, short, dressed(body, worn))
-    collar = upright(COLLAR, COLLAR_AT, COLLAR_TILT, Folds(9, seed + 4), held=_last_row)
+    collar = upright(COLLAR, COLLAR_AT, COLLAR_TILT, Folds(9, seed + 4), held=upper_hem)
     linen = put_on([collar], [dressed(body, worn)], LINEN, fine)
     linen += put_on([_coif(pose)], [dressed(body, linen)], LINEN, fine)
     below = dressed(lambda p: dr.fmin(body(p), dr.fmin(arm(p, pose, 1.0), arm(p, pose, -1.0))), worn + linen)
@@ -129,7 +129,3 @@ def _turn(pose: Pose) -> NDArray[np.floating]:
 
 def _belted(s: Place, t: Place) -> Place:
     return np.where(np.abs(t * TUNIC[-1].along - WAIST) < BELTED, 1.0, np.inf) + np.zeros_like(s)
-
-
-def _last_row(s: Place, t: Place) -> Place:
-    return (t == 1.0) + np.zeros_like(s)

@@ -16,8 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from hagoromo.backend import arrays, lookup
 from hagoromo.errors import InputError
-from hagoromo.files.mesh import read_mesh
-from hagoromo.files.mesh_parts import read_parts
+from hagoromo.files.mesh import read_mesh, read_parts
 from hagoromo.matter.fill import CORE_TO, Fineness, fill
 from hagoromo.matter.shape import Shape, coverage, distance_and_normal, unit
 from hagoromo.reflectance.reflectance import Reflectance

@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.camera.response import Response, camera_white, response_matrix
-from hagoromo.camera.srgb_from_camera import WHITE_XYZ, srgb_from_camera
+from hagoromo.camera.response import WHITE_XYZ, Response, camera_white, response_matrix, srgb_from_camera
 from hagoromo.light.colour import SRGB_FROM_XYZ
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate

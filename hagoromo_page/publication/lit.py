@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.backend import arrays
+from hagoromo.light.colour import srgb_curve
 from hagoromo.reflectance.element import element_weights
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
 from hagoromo_page.publication.surface_maps import SurfaceMaps
@@ -72,18 +73,22 @@ def _weights(maps: SurfaceMaps, material: MaterialEstimate, vectors: tuple[Any, 
 
 def shown(values: Array, white: float) -> Array:
     """Display values 0…1 (sRGB curve) of linear ones, as the viewers of these formats expect."""
-    linear = np.clip(values / white, 0.0, 1.0)
-    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 0.0031308) ** (1 / 2.4) - 0.055)
+    return srgb_curve(np.clip(values / white, 0.0, 1.0))
 
 
 def _to_eye(maps: SurfaceMaps) -> Array:
     """(h, w, 3) unit vectors to the camera."""
+    ray = rays_to_eye(maps)
+    return ray / np.linalg.norm(ray, axis=2, keepdims=True)
+
+
+def rays_to_eye(maps: SurfaceMaps) -> Array:
+    """(h, w, 3) vectors to the camera in the page's axes, from 1 m in front of it along its axis."""
     height, width = maps.labels.shape
     camera = maps.camera
     x = (np.arange(width) + 0.5 - camera.principal[0]) / camera.focal[0]
     y = (np.arange(height) + 0.5 - camera.principal[1]) / camera.focal[1]
-    ray = np.stack([*np.broadcast_arrays(-x[None], y[:, None]), np.ones((height, width))], axis=2)
-    return ray / np.linalg.norm(ray, axis=2, keepdims=True)
+    return np.stack([*np.broadcast_arrays(-x[None], y[:, None]), np.ones((height, width))], axis=2)
 
 
 def _vector(values: Array) -> Any:

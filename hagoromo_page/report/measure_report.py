@@ -12,12 +12,12 @@ from hagoromo.errors import InputError
 from hagoromo.files.plot import svg_text
 from hagoromo.image.spectra.spectra_plot import spectra_figure
 from hagoromo.light.colour import srgb_encode
-from hagoromo.measurement.material.separation import Separation
+from hagoromo.measurement.material.body_map import Separation
 from hagoromo.measurement.measurement import Measurement
 from hagoromo.measurement.surface.own_light import NOTABLE
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.photograph import Photograph
-from hagoromo.reflectance.material.material_html import PARAMETER_TITLES, parameter_rows
+from hagoromo.reflectance.material.material_estimate import PARAMETER_TITLES, parameter_rows
 from hagoromo_page.publication.document import Viewer
 from hagoromo_page.publication.object_page import single_page
 from hagoromo_page.publication.publish import page_source

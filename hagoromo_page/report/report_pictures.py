@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.camera.response import Response
-from hagoromo.camera.srgb_from_camera import srgb_from_camera
+from hagoromo.camera.response import Response, srgb_from_camera
 from hagoromo.files.plot import panels
 from hagoromo.measurement.material.segment import interior
 from hagoromo.measurement.measurement import Measurement

@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.camera.response import Response, camera_response, camera_white
-from hagoromo.camera.srgb_from_camera import WHITE_XYZ
+from hagoromo.camera.response import WHITE_XYZ, Response, camera_response, camera_white
 from hagoromo.image.scene import Scene
 from hagoromo.light.colour import srgb_decode, srgb_encode, srgb_from_xyz
 from hagoromo.light.spectrum import Spectrum, smooth_rgb_basis

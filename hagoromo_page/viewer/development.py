@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.camera.response import Response, camera_white
-from hagoromo.camera.srgb_from_camera import WHITE_XYZ, srgb_from_camera
+from hagoromo.camera.response import WHITE_XYZ, Response, camera_white, srgb_from_camera
 from hagoromo.image.image import Image, auto_exposure
 from hagoromo.light.colour import srgb_encode, srgb_from_xyz
 from hagoromo.light.spectrum import Spectrum

@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from hagoromo.camera.response import camera_white
-from hagoromo.camera.srgb_from_camera import srgb_from_camera
+from hagoromo.camera.response import camera_white, srgb_from_camera
 from hagoromo.measurement.measurement import Measurement
 from hagoromo_page.publication.lit import reflected
 from hagoromo_page.publication.surface_maps import SurfaceMaps

@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from hagoromo.camera.response import Response, camera_white
-from hagoromo.camera.srgb_from_camera import srgb_from_camera
+from hagoromo.camera.response import Response, camera_white, srgb_from_camera
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.reflectance.spectra.reflectance_prior import ReflectancePrior

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from hagoromo.camera.camera import Camera
 from hagoromo.camera.formats.camera_file import read_views
-from hagoromo.camera.srgb_from_camera import srgb_from_camera
+from hagoromo.camera.response import srgb_from_camera
 from hagoromo.light.colour import delta_e_2000
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.photograph.capture import load_capture

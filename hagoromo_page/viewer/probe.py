@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.camera.response import Response, camera_response, camera_white
-from hagoromo.camera.srgb_from_camera import WHITE_XYZ
+from hagoromo.camera.response import WHITE_XYZ, Response, camera_response, camera_white
 from hagoromo.image.image import Image
 from hagoromo.light.colour import delta_e_2000, srgb_from_xyz
 from hagoromo.reflectance.spectra.spectrum_estimate import SpectrumEstimate

@@ -15,7 +15,7 @@ import cv2
 import pytest
 
 import hagoromo as hg
-from hagoromo.app.streams import printable_streams
+from hagoromo.app.everywhere import printable_streams
 from hagoromo.errors import InputError
 from hagoromo.files.checks import check_name
 from hagoromo.files.whole import check_file

@@ -18,7 +18,7 @@ from hagoromo.files.exr import write_exr
 from hagoromo.files.format import formats
 from hagoromo.files.png import write_png
 from hagoromo.files.table import write_table
-from hagoromo.measurement.measured_surface import read_surface
+from hagoromo.measurement.measurement_files import read_surface
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="pipes and links are made otherwise there")
 

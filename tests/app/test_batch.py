@@ -6,8 +6,8 @@ import pytest
 
 import hagoromo as hg
 from hagoromo.app.batch import batch as batches
+from hagoromo.app.batch.batch import Ledger
 from hagoromo.app.batch.batch_file import read_batch
-from hagoromo.app.batch.ledger import Ledger
 from hagoromo.app.batch.table import Outcome
 from hagoromo.app.cli import main
 

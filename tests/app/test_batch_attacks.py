@@ -17,8 +17,7 @@ from fuzz.verbs import function_of, options
 from hagoromo.app import cli
 from hagoromo.app.batch.batch_file import read_batch
 from hagoromo.app.batch.batch_record import VERBS
-from hagoromo.app.scheduler_options import SchedulerOptions
-from hagoromo.app.sensor_options import SensorOptions
+from hagoromo.app.shared_options import SchedulerOptions, SensorOptions
 from hagoromo.app.verb import written_by_verb
 from hagoromo.errors import InputError
 from hagoromo.files import content as content_module

@@ -5,7 +5,7 @@ import pytest
 
 import hagoromo as hg
 from hagoromo.app.cli import main
-from hagoromo.camera.unplaced import ORTHOGRAPHIC_FOCAL
+from hagoromo.camera.camera import ORTHOGRAPHIC_FOCAL
 from hagoromo.files.exr import write_exr
 from hagoromo.files.png import write_png
 from hagoromo.files.record import write_json

@@ -11,8 +11,7 @@ from dask import config
 import hagoromo as hg
 from hagoromo.app.cli import main
 from hagoromo.cluster import cluster as clusters
-from hagoromo.cluster.cluster import Cluster, workers_of
-from hagoromo.cluster.mapped import mapped
+from hagoromo.cluster.cluster import Cluster, mapped, workers_of
 from hagoromo.image import render_tiles, scene_on_worker, walk_tiles
 from hagoromo.image.film.film import Turn, film
 from hagoromo.image.image import Image

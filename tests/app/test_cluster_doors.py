@@ -26,7 +26,7 @@ import hagoromo as hg
 from hagoromo.app.cli import main
 from hagoromo.cluster import connection
 from hagoromo.cluster.cluster import workers_of
-from hagoromo.cluster.scheduler_address import scheduler_address
+from hagoromo.cluster.connection import scheduler_address
 from hagoromo.files import stores
 
 PAGE = (Path(__file__).parents[2] / "docs" / "cluster.md").read_text(encoding="utf-8")

@@ -13,8 +13,7 @@ import numpy as np
 import pytest
 
 from hagoromo.app.progress_bar import step_lines
-from hagoromo.camera.response import Response, camera_response, camera_white
-from hagoromo.camera.srgb_from_camera import srgb_from_camera
+from hagoromo.camera.response import Response, camera_response, camera_white, srgb_from_camera
 from hagoromo.errors import InputError
 from hagoromo.files.record import read_json
 from hagoromo.image.compare import compare

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import hagoromo as hg
-from hagoromo.camera.unplaced import unplaced_camera
+from hagoromo.camera.camera import unplaced_camera
 from hagoromo.files.record import read_json
 from hagoromo.image.relight.prediction import Prediction
 from hagoromo.image.relight.relighting import Relighting

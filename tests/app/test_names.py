@@ -10,8 +10,8 @@ import pytest
 from hagoromo.app.cli import main
 from hagoromo.errors import escaped, one_line
 from hagoromo.files.names import plot_label, printable
+from hagoromo.files.plot import curves_png
 from hagoromo.files.png import write_png
-from hagoromo.light.curves_plot import curves_png
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.volume.box import VolumeBox

@@ -27,8 +27,7 @@ from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.reflectance import parameters
 from hagoromo.reflectance.facets import TAILS_OF_GGX
-from hagoromo.reflectance.material.material_estimate import MaterialEstimate
-from hagoromo.reflectance.material.material_html import materials_html
+from hagoromo.reflectance.material.material_estimate import MaterialEstimate, materials_html
 from hagoromo.reflectance.material.materials_file import read_materials, write_materials
 from hagoromo.reflectance.parameters import EVIDENCE, EXPORTS, FORMATS, NUMBERS, PARAMETERS, PLAIN_BODY, VOLUMES, lost
 from hagoromo.reflectance.reflectance import Reflectance

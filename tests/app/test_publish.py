@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from hagoromo.app.cli import main
+from hagoromo.camera.camera import unplaced_camera
 from hagoromo.camera.response import Response
-from hagoromo.camera.unplaced import unplaced_camera
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.measurement.photographed import Photographed, photographed
-from hagoromo.measurement.surface import large_capture
+from hagoromo.measurement.surface import solved_surface
 from hagoromo.photograph.capture import load_capture
 from hagoromo_page.publication import object_page
 from hagoromo_page.publication.planes import pack_planes, unpack_planes
@@ -206,8 +206,8 @@ def test_a_page_is_called_by_the_object_and_not_by_a_folder(tmp_path):
 def test_a_capture_that_is_solved_in_tiles_keeps_its_name(tmp_path, monkeypatch):
     capture, _ = ball(far=True, name="Noh mask")
     replace(capture, points=None, normals=None).save(tmp_path / "cap")
-    monkeypatch.setattr(large_capture, "LARGEST_CAPTURE_BYTES", 0.0)
-    assert large_capture.large_source(tmp_path / "cap").name == "Noh mask"  # type: ignore[union-attr]
+    monkeypatch.setattr(solved_surface, "LARGEST_CAPTURE_BYTES", 0.0)
+    assert solved_surface.large_source(tmp_path / "cap").name == "Noh mask"  # type: ignore[union-attr]
 
 
 def test_a_page_keeps_its_limit_and_says_that_it_is_reduced(measured, tmp_path):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import hagoromo as hg
-from hagoromo.app.batch.ledger import stamp
+from hagoromo.app.batch.batch import stamp
 from hagoromo.app.cli import main
 from hagoromo.files import stores
 from hagoromo.files.zarr_arrays import open_arrays

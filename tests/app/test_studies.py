@@ -15,12 +15,12 @@ FILES = [path.relative_to(STUDIES).as_posix() for path in sorted(STUDIES.rglob("
 INSIDE = {  # modules of the package that a study takes apart, and why no public name serves it
     # the models that the fits minimise, to predict readings from parameters that no fit has found
     "merl.py": {
-        "app.scheduler_options",
+        "app.shared_options",
         "measurement.material.material_objective",
         "measurement.material.lack_of_fit",
         "measurement.material.model_choice",
         "measurement.parameters",
-        "cluster.mapped",
+        "cluster.cluster",
         # work that is interrupted and goes on
         "files.cache",
         "files.resumable",
@@ -35,12 +35,12 @@ INSIDE = {  # modules of the package that a study takes apart, and why no public
         "calibration.lamps",
         "calibration.lamps.outline",
         "calibration.lamps.uncalibrated",
-        "calibration.lamps.uncalibrated.refined",
+        "calibration.lamps.uncalibrated.calibrate_from_object",
     },
     # what relight learns, part by part, and its yardstick
     "relit_objects.py": {
         "calibration.rig.calibrate_rig",
-        "measurement.surface.uneven_lamps",
+        "measurement.lamp_departure",
     },
     "relit_limits.py": {"image.relight.learnt", "measurement.normals.normals"},
     # a prior without the camera that is tested
@@ -51,7 +51,7 @@ INSIDE = {  # modules of the package that a study takes apart, and why no public
         "calibration.response.published_curves",
     },
     "response_faults.py": {"calibration.response.calibrate_response", "calibration.response.chart_falloff"},
-    "response_study.py": {"app.scheduler_options", "calibration.response.calibrate_response", "cluster.mapped"},
+    "response_study.py": {"app.shared_options", "calibration.response.calibrate_response", "cluster.cluster"},
     "response_prior.py": {"calibration.response.curve_process"},
     # the spectra that a prior is made of, so that none that is tested is among them
     "spectra_bench.py": {"reflectance.spectra.prior_spectra"},
@@ -61,7 +61,7 @@ INSIDE = {  # modules of the package that a study takes apart, and why no public
     # the skins that a tutorial photographs, from the pigments of the recipe
     "skin.py": {"reflectance.pigment"},
     # a camera that stands nowhere yet, which a tutorial's capture finds
-    "dome.py": {"camera.unplaced"},
+    "dome.py": {"camera.camera"},
     # files of the data are checked as the package checks its own
     "merl_truth.py": {"files.record"},
     # the weave that a recipe names, to draw it
@@ -69,8 +69,8 @@ INSIDE = {  # modules of the package that a study takes apart, and why no public
     # the steps that a tolerance stands for
     "first_order.py": {"transport.frames"},
     # many tasks of one function, here or on workers, with the options of the commands: a study's own need
-    "coverage.py": {"app.scheduler_options", "cluster.mapped"},
-    "near_lamps.py": {"app.scheduler_options", "cluster.mapped"},
+    "coverage.py": {"app.shared_options", "cluster.cluster"},
+    "near_lamps.py": {"app.shared_options", "cluster.cluster"},
     # workers, before and while they work
     "cluster_bench.py": {"cluster.cluster", "image.render_tiles"},
     # kernels run on Dr.Jit's types of this machine

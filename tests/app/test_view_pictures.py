@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from hagoromo.app.cli import main
-from hagoromo.camera.response import Response, camera_white
-from hagoromo.camera.srgb_from_camera import srgb_from_camera
+from hagoromo.camera.response import Response, camera_white, srgb_from_camera
 from hagoromo.files.exr import write_exr
 from hagoromo.image import march_picture
 from hagoromo.image.image import Image
@@ -106,7 +105,7 @@ def test_a_spectral_image_of_any_program_is_probed_lit_and_seen(tmp_path):
     linear = plate.linear("picture", desk.state.light(), desk.state.development)
     assert linear is not None
     white = np.trapezoid(curves, dx=1.0, axis=0)
-    from hagoromo.camera.srgb_from_camera import WHITE_XYZ
+    from hagoromo.camera.response import WHITE_XYZ
     from hagoromo.light.colour import srgb_from_xyz
 
     assert inside.values.shape == waves.shape

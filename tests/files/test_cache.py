@@ -12,7 +12,6 @@ from hagoromo.files.cache import DATA, NOTE, cache, key_of
 from hagoromo.files.leftovers import MARK, alone, begin_work, beside
 from hagoromo.image.render import render
 from hagoromo.matter import build as matter_build
-from hagoromo.matter import kept_box
 from tests.ball_scene import KEY, camera
 
 SOLID = """
@@ -228,7 +227,7 @@ def test_the_box_of_a_recipe_is_built_once(place, tmp_path, monkeypatch):
     (tmp_path / "body.csv").write_text("wavelength_nm,value\n400,0.5\n700,0.5\n")
     (tmp_path / "scene.toml").write_text(camera((31, 23), 45.0) + KEY + '\n[[box]]\nrecipe = "solid.toml"\n')
     built, build = [], matter_build.build
-    monkeypatch.setattr(kept_box, "build", lambda recipe: built.append(recipe) or build(recipe))
+    monkeypatch.setattr(matter_build, "build", lambda recipe: built.append(recipe) or build(recipe))
     told = []
     pictures = [render(tmp_path / "scene.toml", progress=lambda *step: told.append(step)) for _ in range(2)]
     assert len(built) == 1 and pictures[0].alpha.max() > 0.5

@@ -14,7 +14,7 @@ from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.photograph.capture import Capture, load_capture, save_capture
 from hagoromo.photograph.photograph import Photograph
-from hagoromo.photograph.points_file import read_points
+from hagoromo.photograph.pixels import read_points
 
 HEIGHT, WIDTH = 13, 17
 LENS = (-0.1, 0.02, 0.001, -0.002, 0.003)

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import hagoromo as hg
+from hagoromo.camera.camera import ORTHOGRAPHIC_FOCAL
 from hagoromo.camera.sensor import demosaiced
-from hagoromo.camera.unplaced import ORTHOGRAPHIC_FOCAL
-from hagoromo.files.exr_lines import read_layout
+from hagoromo.files.exr import read_layout
 from hagoromo.files.png import write_png
 from hagoromo.photograph.development.noise import Noise
 from hagoromo.photograph.variance_model import VarianceModel

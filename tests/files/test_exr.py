@@ -5,8 +5,7 @@ import OpenEXR
 import pytest
 
 from hagoromo.errors import InputError
-from hagoromo.files.exr import read_exr, read_header, write_exr
-from hagoromo.files.exr_lines import read_layout
+from hagoromo.files.exr import read_exr, read_header, read_layout, write_exr
 
 RANDOM = np.random.default_rng(7)
 PIXELS = {

@@ -9,8 +9,7 @@ from fuzz import gltf_scenes
 from fuzz.trees import nodes_of, with_node
 from hagoromo.errors import InputError
 from hagoromo.files.gltf_record import checked
-from hagoromo.files.mesh import read_mesh
-from hagoromo.files.mesh_parts import read_parts
+from hagoromo.files.mesh import read_mesh, read_parts
 
 UNREAD = {("cameras", 0, "perspective", "znear"), ("accessors", 1, "max"), ("accessors", 1, "min")}
 

@@ -7,8 +7,8 @@ import pytest
 
 import hagoromo as hg
 from hagoromo.files.record import write_json
+from hagoromo.photograph.capture_folder import lamp_remarks
 from hagoromo.photograph.lamp_files import lamp_of_each
-from hagoromo.photograph.lamp_sides import lamp_remarks
 
 
 def test_an_lp_is_read_with_folders_spaces_and_other_ends_of_lines(tmp_path):

@@ -9,7 +9,7 @@ import hagoromo as hg
 from hagoromo.calibration.lamps.highlight import Highlight
 from hagoromo.calibration.lamps.lamp_calibration import LampCalibration
 from hagoromo.calibration.lamps.place import LampPlace
-from hagoromo.calibration.lamps.strength import Strength
+from hagoromo.calibration.lamps.reading import Strength
 from hagoromo.least_squares.fit_status import FitStatus, Status
 from hagoromo.light.lamp_spread import LampSpread
 

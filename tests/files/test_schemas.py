@@ -16,7 +16,7 @@ from hagoromo.camera.formats.nerfstudio import read_transforms
 from hagoromo.errors import InputError
 from hagoromo.files.record import ForeignRecord, decode, read_json, write_json
 from hagoromo.light.lamp import Lamp
-from hagoromo.matter.registry import kind_of
+from hagoromo.matter.recipe import kind_of
 from hagoromo.photograph.capture import Capture, load_capture, save_capture
 from hagoromo.photograph.lamp_files import load_lamps
 from hagoromo.photograph.photograph import Photograph

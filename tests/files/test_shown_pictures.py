@@ -10,7 +10,7 @@ import hagoromo as hg
 from hagoromo.app.cli import main
 from hagoromo.errors import InputError
 from hagoromo.files.exr import read_exr, write_exr
-from hagoromo.files.icc_profile import DISPLAY_P3, SRGB, icc_profile
+from hagoromo.files.icc import DISPLAY_P3, SRGB, icc_profile
 from hagoromo.files.png import write_png
 from hagoromo.image.any_picture import convert_picture, read_any_picture
 from hagoromo.image.shown import DisplayTransform

@@ -16,7 +16,7 @@ from hagoromo.files.jpeg import read_jpeg
 from hagoromo.files.mesh import read_mesh
 from hagoromo.files.png import read_png
 from hagoromo.files.raw import read_raw
-from hagoromo.files.silence import tifffile_silenced
+from hagoromo.files.reading import tifffile_silenced
 from hagoromo.files.tiff import read_tiff
 
 CORPUS = Path(__file__).resolve().parents[2] / "fuzz" / "corpus"

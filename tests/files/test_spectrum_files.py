@@ -8,8 +8,7 @@ import pytest
 from fuzz.records import SPDX
 from hagoromo.app.info import info
 from hagoromo.errors import InputError
-from hagoromo.light.spectrum import Spectrum
-from hagoromo.light.spectrum_file import read_spectrum_file
+from hagoromo.light.spectrum import Spectrum, read_spectrum_file
 
 SPD = "# a lamp\n400 0.5\n500, 1 # peak\n\n600 0.25\n"
 

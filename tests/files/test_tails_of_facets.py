@@ -11,7 +11,7 @@ import pytest
 import hagoromo as hg
 from hagoromo.files.record import read_json, write_json
 from hagoromo.light.spectrum import smooth_rgb_basis
-from hagoromo.matter.relief.measured_relief import surface_reflectances
+from hagoromo.matter.relief.relief import surface_reflectances
 from hagoromo.reflectance.material.material_table import reflectance_from_table
 from tests.files.test_schemas import material
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import hagoromo as hg
-from hagoromo.app.lamp_summary import lamp_summary
+from hagoromo.app.calibration_report import lamp_summary
+from hagoromo.calibration.lamps.ball import ball_of_circle, is_circle, stated
 from hagoromo.calibration.lamps.ball_search import search_balls
-from hagoromo.calibration.lamps.stated_circle import ball_of_circle, is_circle, stated
 from hagoromo.files.png import read_png
 from tests.data import DATA, real_data
 from tests.inverse.simulated_mirror import degrees_between, mask_of, mirror_photograph, seen_from_afar, unit

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import hagoromo as hg
-from hagoromo.app.ball_picture import LAMP, OUTLINE, ball_picture
+from hagoromo.app.calibration_report import LAMP, OUTLINE, ball_picture
 from hagoromo.calibration.lamps.ball import find_ball
 from hagoromo.calibration.lamps.ball_search import search_balls
-from hagoromo.calibration.lamps.speck import ellipse_centre
+from hagoromo.calibration.lamps.highlight import ellipse_centre
 from hagoromo.files.png import read_png
 from tests.data import DATA, real_data
 from tests.inverse.simulated_mirror import (

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from hagoromo.calibration.response import calibrate_response
-from hagoromo.calibration.response.black_level import REPORTED, black_level
 from hagoromo.calibration.response.calibrate_response import overlap_matrix, solve_response
+from hagoromo.calibration.response.doubtful_readings import REPORTED, black_level
 from hagoromo.calibration.response.positive_curve import PositiveCurve
 from hagoromo.calibration.response.reading_transfer import TRANSFER_PRIOR, ReadingTransfer
 from hagoromo.least_squares.fit_status import FitStatus, Status

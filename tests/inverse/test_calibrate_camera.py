@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from hagoromo.app.calibration_plot import residual_plot
+from hagoromo.app.calibration_report import residual_plot
 from hagoromo.calibration.camera.board import Board
 from hagoromo.calibration.camera.calibrate_camera import NAMES, calibrate_camera
 from hagoromo.camera.camera import Camera

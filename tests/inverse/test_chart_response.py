@@ -5,9 +5,8 @@ import numpy as np
 import pytest
 
 from hagoromo.app.cli import main
-from hagoromo.calibration.response.calibrate_response import overlap_matrix
+from hagoromo.calibration.response.calibrate_response import overlap_matrix, response_from_chart
 from hagoromo.calibration.response.chart import chart_spectra, read_chart
-from hagoromo.calibration.response.chart_response import response_from_chart
 from hagoromo.calibration.response.positive_curve import fit_positive_curve
 from hagoromo.camera.response import Response, camera_response, camera_white
 from hagoromo.errors import InputError

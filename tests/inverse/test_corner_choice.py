@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from hagoromo.calibration.camera.board import OWN_WINDOWS, Corners
-from hagoromo.calibration.camera.corner_choice import chosen_corners, residual
+from hagoromo.calibration.camera.calibrate_camera import chosen_corners, residual
 
 SIZE, COUNT = (600, 450), 10
 LENS = np.array([[640.0, 0.0, 306.0], [0.0, 650.0, 221.0], [0.0, 0.0, 1.0]]), np.array([-0.2, 0.1, 0.0, 0.0, 0.0])

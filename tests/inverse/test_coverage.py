@@ -8,7 +8,7 @@ import pytest
 from hagoromo.measurement.material.interval import degrees_of_freedom
 from hagoromo.measurement.material.material_fit import fit_material
 from hagoromo.measurement.material.quantity import alpha, coordinate, log_albedo
-from hagoromo.measurement.robust_fit import GAMMA_RANGE
+from hagoromo.measurement.parameters import GAMMA_RANGE
 from studies.coverage import simulated, table
 from studies.coverage_bench import BENCHES, FULL_WELLS, drawn, observed
 from studies.coverage_page import chance, write_coverage_page

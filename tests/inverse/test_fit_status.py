@@ -5,22 +5,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hagoromo.app.lamp_summary import object_summary
-from hagoromo.calibration.lamps import locate_lamp, place, regression, speck
+from hagoromo.app.calibration_report import object_summary
+from hagoromo.calibration.lamps import highlight, locate_lamp, place, reference
 from hagoromo.calibration.lamps.ball import fit_ball
-from hagoromo.calibration.lamps.regression import robust_regression
-from hagoromo.calibration.lamps.uncalibrated import bas_relief, integrability, low_rank, refined, self_calibrate
+from hagoromo.calibration.lamps.reference import robust_regression
+from hagoromo.calibration.lamps.uncalibrated import bas_relief, calibrate_from_object, low_rank, self_calibrate
 from hagoromo.calibration.response import calibrate_response as response
 from hagoromo.calibration.response import curve_evidence
 from hagoromo.errors import InputError
 from hagoromo.least_squares.fit_status import Status
-from hagoromo.measurement.gloss import gloss_law, gloss_spread, pixel_gloss
-from hagoromo.measurement.gloss.gloss_record import with_gloss
+from hagoromo.measurement.gloss import gloss_spread, pixel_gloss
+from hagoromo.measurement.gloss.gloss_map import with_gloss
 from hagoromo.measurement.known_shape import measure_known_shape
 from hagoromo.measurement.material import albedo_variation, interval, material_fit
 from hagoromo.measurement.normals import photometric_rounds, pixel_fit
 from hagoromo.measurement.normals.gloss_estimate import measurement_of
 from hagoromo.measurement.normals.normals import solve_normals
+from hagoromo.measurement.photometric import gloss_posterior
 from hagoromo.measurement.robust_fit import minimise
 from hagoromo.measurement.surface import shape as near_shape
 from hagoromo.reflectance.material.materials_file import read_materials, write_materials
@@ -74,7 +75,7 @@ def test_a_texture_whose_fit_fails_is_remarked(monkeypatch):
 def test_pixels_whose_gloss_does_not_converge_are_counted(worn, monkeypatch):
     material = measure_known_shape(worn, labels=ALL, n=N).materials[0]
     monkeypatch.setattr(pixel_gloss, "PIXEL_GLOSS_STEPS", 0)
-    monkeypatch.setattr(gloss_law, "GLOSS_LAW_STEPS", 1)
+    monkeypatch.setattr(gloss_posterior, "GLOSS_LAW_STEPS", 1)
     monkeypatch.setattr(gloss_spread, "SHARED_GLOSS_STEPS", 1)
     start = np.log([0.4 * ((N - 1) / (N + 1)) ** 2, 0.2])
     found = gloss_spread.gloss_spread(all_of(worn), start, N, is_given=True)
@@ -131,7 +132,7 @@ def test_reweighting_that_still_moves_says_so(monkeypatch):
     values[::5] += 3.0
     tiles = np.arange(500) // 10
     assert robust_regression(design, values, tiles).status.converged
-    monkeypatch.setattr(regression, "REGRESSION_REWEIGHTINGS", 2)
+    monkeypatch.setattr(reference, "REGRESSION_REWEIGHTINGS", 2)
     assert robust_regression(design, values, tiles).status.status == Status.OUT_OF_STEPS
 
 
@@ -140,13 +141,13 @@ def test_lamps_from_an_object_say_which_fits_did_not_converge(monkeypatch):
     shown = photographs(mask, normal, albedo, LAMPS, gloss=0.3)
     for module, name in (
         (low_rank, "LOW_RANK_STEPS"),
-        (integrability, "INTEGRABILITY_REWEIGHTINGS"),
+        (bas_relief, "INTEGRABILITY_REWEIGHTINGS"),
         (bas_relief, "BAS_RELIEF_STEPS"),
-        (refined, "JOINT_SURFACE_STEPS"),
-        (refined, "JOINT_SURFACE_ROUNDS"),
+        (calibrate_from_object, "JOINT_SURFACE_STEPS"),
+        (calibrate_from_object, "JOINT_SURFACE_ROUNDS"),
     ):
         monkeypatch.setattr(module, name, 1)
-    found = refined.refined_lamps(shown, mask, None, self_calibrate(shown, mask))
+    found = calibrate_from_object.refined_lamps(shown, mask, None, self_calibrate(shown, mask))
     fits = ("lamps and pixels of low rank", "integrability", "the bas-relief", "the joint surface")
     assert {name: one.converged for name, one in found.statuses.items()} == dict.fromkeys(fits, False)
     assert found.record()["object"]["convergence"]["the joint surface"]["status"] == "out of steps"
@@ -175,7 +176,7 @@ def test_fits_by_scipy_that_run_out_of_steps_are_errors_or_give_nothing(monkeypa
         fit_ball(edge, None, 0.3)
     y, x = np.mgrid[:31, :37]
     blob = np.minimum(3.0 * np.exp(-(((x - 18.3) / 5.0) ** 2) - ((y - 15.2) / 4.0) ** 2), 1.0)
-    assert speck.ellipse_centre(blob, blob >= 1.0) is None
+    assert highlight.ellipse_centre(blob, blob >= 1.0) is None
 
 
 def test_a_spectrum_within_bounds_that_does_not_converge_is_an_error(monkeypatch):

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from hagoromo.calibration.lamps.ball import find_ball
-from hagoromo.calibration.lamps.highlight import find_highlight
+from hagoromo.calibration.lamps.highlight import find_highlight, where_streaks_meet
 from hagoromo.calibration.lamps.reading import read_lamp
-from hagoromo.calibration.lamps.streaks import where_streaks_meet
 
 BALL, RADIUS, CENTRE = (120.0, 110.0), 90.0, np.array([150.4, 88.7])
 

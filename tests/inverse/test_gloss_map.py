@@ -8,8 +8,7 @@ import pytest
 from hagoromo.files.exr import read_exr
 from hagoromo.measurement.gloss.gloss_map import gloss_map
 from hagoromo.measurement.gloss.gloss_spread import gloss_spread
-from hagoromo.measurement.gloss.lobes import SampleLobes
-from hagoromo.measurement.gloss.pixel_gloss import PixelGlossFit
+from hagoromo.measurement.gloss.pixel_gloss import PixelGlossFit, SampleLobes
 from hagoromo.measurement.known_shape import measure_known_shape
 from hagoromo.measurement.observations import Pixels, known_shape, observe_pixels
 from hagoromo.measurement.photometric.gloss_posterior import GlossLaw

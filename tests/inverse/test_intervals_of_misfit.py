@@ -13,7 +13,7 @@ from hagoromo.measurement.material.misfit_shift import evidence_of_misfit
 from hagoromo.measurement.normals import gloss_estimate
 from hagoromo.measurement.normals.gloss_choice import GlossModel
 from hagoromo.measurement.normals.gloss_estimate import measurement_of, solved_gloss_map
-from hagoromo.measurement.normals.highlight_shift import highlight_shift
+from hagoromo.measurement.normals.highlight_check import highlight_shift
 from hagoromo.measurement.normals.normals import solve_with_one_lobe
 from hagoromo.measurement.normals.own_gloss import OWN, OwnGloss
 from hagoromo.measurement.parameters import pack_theta

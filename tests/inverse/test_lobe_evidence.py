@@ -8,13 +8,12 @@ import pytest
 
 import hagoromo as hg
 from hagoromo.measurement.normals.gloss_estimate import measurement_of
-from hagoromo.measurement.normals.lobe_evidence import held
-from hagoromo.measurement.normals.lobe_fit import with_lobes
+from hagoromo.measurement.normals.lobe_fit import held, with_lobes
 from hagoromo.measurement.normals.lobe_samples import samples_of, trust_of
 from hagoromo.measurement.normals.lobe_shape import LobeShapes, with_covariance
 from hagoromo.measurement.normals.normals import NormalMap
 from hagoromo.measurement.normals.photometric_model import Fit
-from hagoromo.measurement.robust_fit import GAMMA_RANGE
+from hagoromo.measurement.parameters import GAMMA_RANGE
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
 from hagoromo.reflectance.material.materials_file import read_materials, write_materials
 from studies import glossy_objects

@@ -7,8 +7,8 @@ import pytest
 
 import hagoromo as hg
 from hagoromo.app.cli import main
-from hagoromo.camera import unplaced
-from hagoromo.camera.unplaced import unplaced_camera
+from hagoromo.camera import camera as unplaced
+from hagoromo.camera.camera import unplaced_camera
 from hagoromo.files.exr import read_exr
 from tests.inverse.simulated_ball import Truth, reflected
 

@@ -4,8 +4,7 @@ import drjit as dr
 import numpy as np
 
 from hagoromo.backend import arrays
-from hagoromo.measurement.photometric.pixel_bodies import PixelBodies
-from hagoromo.measurement.photometric.reading import reading
+from hagoromo.measurement.photometric.reading import PixelBodies, reading
 
 
 def test_a_reading_is_the_same_for_floats_numpy_and_dr_jit():

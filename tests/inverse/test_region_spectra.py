@@ -16,9 +16,8 @@ from hagoromo.calibration.response.chart import read_chart
 from hagoromo.files.picture import read_picture
 from hagoromo.image.spectra.spectra_plot import spectra_figure
 from hagoromo.reflectance.spectra.bounded_spectra import within_bounds
-from hagoromo.reflectance.spectra.prior_families import family
 from hagoromo.reflectance.spectra.prior_spectra import WAVELENGTHS, apart, surfaces
-from hagoromo.reflectance.spectra.reflectance_prior import UNLIKE_SURFACES
+from hagoromo.reflectance.spectra.reflectance_prior import UNLIKE_SURFACES, family
 from hagoromo.reflectance.spectra.spectrum_estimate import unexplained_above
 from studies.skin import CHART, GAP, skin
 

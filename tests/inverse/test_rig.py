@@ -8,12 +8,10 @@ import pytest
 
 import hagoromo as hg
 from hagoromo.app.cli import main
-from hagoromo.calibration.rig.calibrate_rig import rig_of
-from hagoromo.calibration.rig.lamp_readings import LampReadings
+from hagoromo.calibration.rig.calibrate_rig import LampReadings, rig_of
 from hagoromo.errors import InputError
-from hagoromo.measurement.lamp_departure import lamp_departure
-from hagoromo.measurement.rig_share import fitted_rig
-from hagoromo.measurement.surface import large_capture
+from hagoromo.measurement.lamp_departure import fitted_rig, lamp_departure
+from hagoromo.measurement.surface import solved_surface
 from hagoromo.measurement.surface import tile_store as store_module
 from hagoromo.photograph.rig import Rig
 from studies.near_rig import SURFACE_DISTANCE, Look, ring_rig, simulate, sphere, waves
@@ -252,7 +250,7 @@ def test_a_card_under_near_lamps_shows_the_rig():
 def small_tiles(monkeypatch):
     monkeypatch.setattr(store_module, "SIDE", 41)
     monkeypatch.setattr(store_module, "COARSE_PIXELS", 2000)
-    monkeypatch.setattr(large_capture, "LARGEST_CAPTURE_BYTES", 0)
+    monkeypatch.setattr(solved_surface, "LARGEST_CAPTURE_BYTES", 0)
 
 
 @pytest.mark.slow
@@ -285,13 +283,13 @@ def test_a_rig_of_near_lamps_evens_what_is_solved_in_tiles(small_tiles, tmp_path
 def test_a_rig_of_large_photographs_is_read_one_at_a_time(small_tiles, tmp_path, monkeypatch):
     """Of a card in squares of two pixels: strengths and slopes to 0.2 %, twice what whole photographs give."""
     hg.save_capture(taken("card", "card", 2), tmp_path / "card")
-    read, load = [], large_capture.load_capture
+    read, load = [], solved_surface.load_capture
 
     def counted(folder, only=slice(None)):
         read.append(len(load(folder, only).photographs))
         return load(folder, only)
 
-    monkeypatch.setattr(large_capture, "load_capture", counted)
+    monkeypatch.setattr(solved_surface, "load_capture", counted)
     monkeypatch.setattr(store_module, "load_capture", counted)
     rig = hg.calibrate_rig([tmp_path / "card"], card=True)
     assert rig.size == (WIDTH // 2, HEIGHT // 2) and rig.sources == ("card",)

@@ -5,8 +5,8 @@ import pytest
 
 from hagoromo.calibration.lamps.uncalibrated import self_calibrate
 from hagoromo.calibration.lamps.uncalibrated.bas_relief import entropy
-from hagoromo.calibration.lamps.uncalibrated.refined import refined_lamps
-from hagoromo.measurement.surface.height_field import height_field
+from hagoromo.calibration.lamps.uncalibrated.calibrate_from_object import refined_lamps
+from hagoromo.calibration.lamps.uncalibrated.joint_surface import height_field
 from tests.inverse.simulated_mirror import degrees_between, unit
 from tests.inverse.test_self_calibration import LAMPS, STRENGTH, shaped
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hagoromo.calibration.lamps.uncalibrated import self_calibrate
-from hagoromo.calibration.lamps.uncalibrated.refined import refined_lamps
+from hagoromo.calibration.lamps.uncalibrated.calibrate_from_object import refined_lamps
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
 from tests.data import DATA, real_data

@@ -7,7 +7,7 @@ import pytest
 
 import hagoromo as hg
 from hagoromo.files.exr import read_exr
-from hagoromo.matter.relief.measured_relief import read_relief
+from hagoromo.matter.relief.relief import read_relief
 from hagoromo.measurement.gloss.solved_gloss import with_solved_gloss
 from hagoromo.measurement.measure import with_solved_shape
 from hagoromo.measurement.normals.normals import NormalMap, least_squares_fit

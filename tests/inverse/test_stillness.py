@@ -7,8 +7,8 @@ import pytest
 from scipy.ndimage import gaussian_filter, shift
 
 from hagoromo.camera.camera import Camera
+from hagoromo.measurement.photograph_checks import moved
 from hagoromo.photograph.photograph import Photograph
-from hagoromo.photograph.stillness import moved
 from studies.uw_psm import read_lamps, read_object
 from tests.data import DATA, real_data
 

@@ -10,15 +10,14 @@ from hagoromo.app.cli import main
 from hagoromo.errors import InputError
 from hagoromo.files.record import read_json
 from hagoromo.measurement import known_shape, measure
-from hagoromo.measurement.known_shape import measure_known_shape, terms_of_known_shape
+from hagoromo.measurement.known_shape import changes_of, measure_known_shape, profile_of_material, terms_of_known_shape
 from hagoromo.measurement.material.material_fit import fit_material
-from hagoromo.measurement.material.material_profile import changes_of, profile_of_material
+from hagoromo.measurement.measurement_files import read_terms
 from hagoromo.measurement.observations import known_shape as region_of
 from hagoromo.measurement.observations import observe
 from hagoromo.measurement.photometric import terms as registry
 from hagoromo.measurement.photometric.term import CaptureTerms, Change, Term
 from hagoromo.measurement.photometric.term_fit import Profile, fit_terms
-from hagoromo.measurement.photometric.terms_file import read_terms
 from hagoromo.measurement.robust_fit import minimise
 from tests.inverse.simulated_ball import Truth, simulate
 

@@ -11,7 +11,7 @@ from hagoromo.measurement.normals import lobe_fit
 from hagoromo.measurement.normals.highlight_check import angles
 from hagoromo.measurement.normals.lobe_fit import with_lobes
 from hagoromo.measurement.normals.normals import NormalMap
-from hagoromo.measurement.surface import large_capture, tiles
+from hagoromo.measurement.surface import solved_surface, tiles
 from hagoromo.measurement.surface import tile_store as store_module
 from hagoromo.measurement.surface.depth import DepthSurface
 from hagoromo.measurement.surface.tile_store import tile_store
@@ -143,7 +143,7 @@ def test_measure_solves_large_photographs_in_tiles(small_tiles, tmp_path, monkey
 
     A coarse pixel is 7 mm wide here, and only the coarse photographs determine the depth: to within one.
     """
-    monkeypatch.setattr(large_capture, "LARGEST_CAPTURE_BYTES", 0)
+    monkeypatch.setattr(solved_surface, "LARGEST_CAPTURE_BYTES", 0)
     capture, truth = simulate(ring_rig(120, 96, 8), sphere, Look(0.3), bits=10)
     save_capture(capture, tmp_path / "capture")
     hg.measure(tmp_path / "capture", distance=1.03 * SURFACE_DISTANCE, scratch=tmp_path).save(tmp_path / "out")

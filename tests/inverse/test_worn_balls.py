@@ -4,13 +4,12 @@ import numpy as np
 import pytest
 
 import hagoromo as hg
-from hagoromo.app.ball_picture import DISPUTED, ball_picture
-from hagoromo.app.lamp_summary import lamp_summary
+from hagoromo.app.calibration_report import DISPUTED, ball_picture, lamp_summary
 from hagoromo.calibration.lamps.ball import find_ball
 from hagoromo.calibration.lamps.highlight import find_highlight
 from hagoromo.calibration.lamps.lamp_speck import roundness
+from hagoromo.calibration.lamps.light_on_ball import SHADING_ERROR, BallShading
 from hagoromo.calibration.lamps.reading import read_lamp, read_shading
-from hagoromo.calibration.lamps.shading import SHADING_ERROR, BallShading
 from studies.ball_conditions import CHROME, GLOSSY
 from studies.simulated_balls import ball_set
 from tests.inverse.simulated_mirror import degrees_between

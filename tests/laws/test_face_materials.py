@@ -10,7 +10,7 @@ from trimesh.visual import ColorVisuals, TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
 from hagoromo.errors import InputError
-from hagoromo.files.mesh_parts import read_parts
+from hagoromo.files.mesh import read_parts
 from hagoromo.matter.build import build
 from hagoromo.volume.box import VolumeBox
 

@@ -10,9 +10,8 @@ from hagoromo.files.exr import write_exr
 from hagoromo.files.png import write_png
 from hagoromo.image.render import render
 from hagoromo.light.spectrum import smooth_rgb_basis
-from hagoromo.matter.relief.measured_relief import CLASSES, gloss_classes, read_relief, surface_reflectances
-from hagoromo.matter.relief.relief import relief_plan
-from hagoromo.photograph.points_file import write_points
+from hagoromo.matter.relief.relief import CLASSES, gloss_classes, read_relief, relief_plan, surface_reflectances
+from hagoromo.photograph.pixels import write_points
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
 from hagoromo.reflectance.material.materials_file import write_materials
 

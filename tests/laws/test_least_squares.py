@@ -7,8 +7,7 @@ from scipy import optimize
 from hagoromo.least_squares.fit_status import FitStatus, Status, scipy_status
 from hagoromo.least_squares.levenberg_marquardt import Damping, Tolerance, levenberg_marquardt
 from hagoromo.least_squares.loss import CAUCHY, HUBER, TUKEY, robust_scale
-from hagoromo.least_squares.reweighted import reweighted
-from hagoromo.least_squares.rows import RowsProblem
+from hagoromo.least_squares.rows import RowsProblem, reweighted
 
 FREE = np.inf
 TIME = np.linspace(0.0, 3.0, 41)

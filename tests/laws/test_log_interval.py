@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 
 import hagoromo
-from hagoromo.least_squares.log_interval import exp_or_infinity, log_interval
-from hagoromo.least_squares.loss import NORMAL_95
+from hagoromo.least_squares.loss import NORMAL_95, exp_or_infinity, log_interval
 
 PACKAGE = Path(hagoromo.__file__).parent
 ROOMS = ("measurement", "calibration", "reflectance/material", "photograph", "image/spectra", "image/relight")

@@ -7,8 +7,7 @@ import pytest
 from scipy.integrate import quad
 
 import hagoromo as hg
-from hagoromo.camera.response import Response, camera_response, camera_white, response_matrix
-from hagoromo.camera.srgb_from_camera import srgb_from_camera
+from hagoromo.camera.response import Response, camera_response, camera_white, response_matrix, srgb_from_camera
 from hagoromo.errors import InputError
 from hagoromo.files import checks, table
 from hagoromo.files.table import read_table

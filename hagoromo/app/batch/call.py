@@ -43,7 +43,7 @@ class Call:
 
 def call_of(words: Sequence[str]) -> Call:
     """The call that the words of a step stand for; `InputError` for words that are none, or have what is the user's."""
-    from hagoromo.app.scheduler_options import HERE, SchedulerOptions
+    from hagoromo.app.shared_options import HERE, SchedulerOptions
 
     begin = 2 if words[0] in GROUPS else 1
     command = _command([*words[:begin], "--out", ELSEWHERE, *words[begin:]])

@@ -14,8 +14,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from hagoromo.app.batch.call import Call, call_of
-from hagoromo.app.verb import written_by_verb
-from hagoromo.app.written import Written
+from hagoromo.app.verb import Written, written_by_verb
 from hagoromo.errors import InputError, described
 from hagoromo.files.checks import inside
 from hagoromo.files.content import named_by

@@ -14,12 +14,11 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.calibration.lamps.ball import Array, Ball, fit_ball, grey
+from hagoromo.calibration.lamps.ball import Array, Ball, fit_ball, grey, stated
 from hagoromo.calibration.lamps.highlight import LARGEST_SHARE
 from hagoromo.calibration.lamps.lamp_speck import lamp_speck
 from hagoromo.calibration.lamps.mask_check import outline_around
 from hagoromo.calibration.lamps.outline import refined
-from hagoromo.calibration.lamps.stated_circle import stated
 from hagoromo.calibration.opencv_threads import one_thread
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError

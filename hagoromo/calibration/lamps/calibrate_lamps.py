@@ -10,16 +10,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.calibration.lamps.ball import Ball
+from hagoromo.calibration.lamps.ball import Ball, ball_of_circle, is_circle
 from hagoromo.calibration.lamps.ball_search import search_balls
 from hagoromo.calibration.lamps.lamp_calibration import LampCalibration
 from hagoromo.calibration.lamps.lamp_photographs import Transfer8, lamp_photographs
 from hagoromo.calibration.lamps.lamps_from_ball import lamps_from_ball
 from hagoromo.calibration.lamps.place import LampPlace, locate_lamp
-from hagoromo.calibration.lamps.reading import LampReading
+from hagoromo.calibration.lamps.reading import LampReading, Strength, highlight_strength
 from hagoromo.calibration.lamps.reference import find_matte_ball, matte_card, reference_strength
-from hagoromo.calibration.lamps.stated_circle import ball_of_circle, is_circle
-from hagoromo.calibration.lamps.strength import Strength, highlight_strength
 from hagoromo.camera.camera import Camera
 from hagoromo.camera.formats.camera_file import read_camera
 from hagoromo.errors import InputError

@@ -16,14 +16,15 @@ from numpy.typing import NDArray
 from hagoromo.calibration.lamps.ball import Array, Ball
 from hagoromo.calibration.lamps.light_on_ball import (
     FINE_BLUR,
+    BallShading,
     Light,
     LightOnBall,
+    above_shading,
     above_surroundings,
     blurred,
     light_on_ball,
     unevenness,
 )
-from hagoromo.calibration.lamps.shading import BallShading, above_shading
 from hagoromo.errors import InputError
 
 HALF = 0.5  # of the peak: pixels above are the speck

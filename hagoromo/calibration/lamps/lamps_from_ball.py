@@ -17,11 +17,18 @@ from numpy.typing import NDArray
 from hagoromo.calibration.lamps.ball import Ball, find_ball
 from hagoromo.calibration.lamps.highlight import find_highlight
 from hagoromo.calibration.lamps.lamp_speck import Surroundings, brightest_speck
-from hagoromo.calibration.lamps.light_on_ball import Light, LightOnBall, above_surroundings, light_on_ball
+from hagoromo.calibration.lamps.light_on_ball import (
+    NEARBY,
+    BallShading,
+    Light,
+    LightOnBall,
+    above_surroundings,
+    light_on_ball,
+    shading_of,
+)
 from hagoromo.calibration.lamps.mask_check import confirmed
 from hagoromo.calibration.lamps.outline import check_focus, refined
 from hagoromo.calibration.lamps.reading import LampReading, read_lamp, read_shading
-from hagoromo.calibration.lamps.shading import NEARBY, BallShading, shading_of
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
 from hagoromo.progress import Progress, silent

@@ -13,10 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.calibration.lamps.ball import MASK_ERROR, Array, Ball, fit_ball, grey
+from hagoromo.calibration.lamps.ball import MASK_ERROR, PARTLY, Array, Ball, fit_ball, grey, stated
 from hagoromo.calibration.lamps.light_on_ball import Light
 from hagoromo.calibration.lamps.outline import edge_shown, edges_on_rays, refined
-from hagoromo.calibration.lamps.stated_circle import PARTLY, stated
 from hagoromo.errors import InputError
 
 BESIDE = 0.1  # of the radius: an outline that is farther off is not the mask's

@@ -8,15 +8,18 @@ intensity E explains photographs that are developed in the same way.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hagoromo.calibration.lamps.ball import Array, Ball, find_ball, grey
-from hagoromo.calibration.lamps.regression import Regression, robust_regression
-from hagoromo.calibration.lamps.strength import Strength
+from hagoromo.calibration.lamps.reading import Strength
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
+from hagoromo.least_squares.fit_status import FitStatus
+from hagoromo.least_squares.loss import CAUCHY_SCALE, robust_scale
+from hagoromo.least_squares.rows import reweighted
 
 INNER = 0.96  # of the radius: pixels outside are steep and half background
 LIT, DARK = 0.15, -0.15  # N·L above which the ball is fully lit, and below which it is dark, also under a broad lamp
@@ -24,6 +27,8 @@ SHADED = 0.3  # smallest N·L of pixels whose shading gives a direction: near th
 FEWEST = 60  # pixels
 CLIPPED = 0.3  # largest share of the lit pixels that may be clipped
 TILES = 8  # across the reference: residuals (stains, grain) are correlated within one
+REGRESSION_REWEIGHTINGS = 15
+LARGEST_CHANGE = 1e-3  # relative change of the coefficients in the last reweighting of a fit that has converged
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,3 +163,44 @@ def _reflectance(reflectance: ArrayLike) -> tuple[float, ...]:
     if values.ndim != 1 or len(values) not in (1, 3) or not ((values > 0.0) & (values <= 1.0)).all():
         raise InputError(f"the reflectance is {values.tolist()}: give one number above 0, up to 1, or one per channel")
     return tuple(values.tolist())
+
+
+class Regression(NamedTuple):
+    """coefficients (p,), their covariance (p, p), and scatter: standard deviation of the residuals, by their median.
+
+    status: how the reweighting ended.
+    """
+
+    coefficients: Array
+    covariance: Array
+    scatter: float
+    status: FitStatus
+
+
+def robust_regression(design: Array, values: Array, tiles: NDArray[np.integer]) -> Regression:
+    """values (n,) = design (n, p) · coefficients, with Cauchy's weights.
+
+    tiles: (n,) number of the tile of each value; the covariance is clustered by them (Liang and Zeger 1986).
+    """
+    smallest = 1e-12 * np.abs(values).max() + 1e-30
+
+    def solve(weight: Array) -> tuple[Array, Array]:
+        root = np.sqrt(weight)
+        coefficients = np.linalg.lstsq(design * root[:, None], values * root, rcond=None)[0]
+        return np.asarray(coefficients, np.float64), values - design @ coefficients
+
+    def reweigh(residuals: Array) -> Array:
+        return 1.0 / (1.0 + (residuals / max(CAUCHY_SCALE * robust_scale(residuals), smallest)) ** 2)
+
+    start = np.ones(len(values))
+    coefficients, weight, status = reweighted(solve, reweigh, start, REGRESSION_REWEIGHTINGS, LARGEST_CHANGE)
+    residuals = values - design @ coefficients
+    scatter = robust_scale(residuals)
+    inverse = np.linalg.pinv(design.T @ (design * weight[:, None]))
+    score = np.zeros((int(tiles.max()) + 1, design.shape[1]))
+    np.add.at(score, tiles, design * (weight * residuals)[:, None])
+    score = score[np.bincount(tiles, minlength=len(score)) > 0]
+    few = len(score) / max(len(score) - design.shape[1], 1)
+    return Regression(
+        np.asarray(coefficients, np.float64), few * inverse @ (score.T @ score) @ inverse, scatter, status
+    )

@@ -19,8 +19,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.calibration.response.curve_evidence import DIVERGED, Found, best_prior, most_evidence, typical_noise
-from hagoromo.calibration.response.curve_mode import Mode, laplace
+from hagoromo.calibration.response.curve_evidence import (
+    DIVERGED,
+    Found,
+    Mode,
+    best_prior,
+    laplace,
+    most_evidence,
+    typical_noise,
+)
 from hagoromo.calibration.response.curve_prior import CurvePrior, priors_of
 from hagoromo.calibration.response.curve_process import positive
 from hagoromo.calibration.response.reading_equations import LEAST_NOISE, Groups, ReadingEquations, ReadingNoise, Rows

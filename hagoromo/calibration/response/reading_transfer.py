@@ -10,8 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.calibration.response.curve_evidence import Found, best_prior
-from hagoromo.calibration.response.curve_mode import laplace
+from hagoromo.calibration.response.curve_evidence import Found, best_prior, laplace
 from hagoromo.calibration.response.reading_equations import ReadingEquations
 
 TRANSFER_PRIOR = (0.5, 0.2)  # standard deviations of the power (around 1) and of the offset [mean reading]

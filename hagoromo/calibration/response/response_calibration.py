@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.calibration.response.black_level import BlackLevel
-from hagoromo.calibration.response.doubtful_readings import Doubtful
+from hagoromo.calibration.response.doubtful_readings import BlackLevel, Doubtful
 from hagoromo.calibration.response.reading_transfer import ReadingTransfer
 from hagoromo.camera.response import Response
 from hagoromo.errors import InputError

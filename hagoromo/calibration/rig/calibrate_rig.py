@@ -13,21 +13,21 @@ like lamps of other strengths.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hagoromo.calibration.rig.lamp_readings import LampReadings
 from hagoromo.errors import InputError
 from hagoromo.light.lamp import Lamp
+from hagoromo.measurement.lamp_departure import solve_uneven_lamps
 from hagoromo.measurement.measure import distance_to
 from hagoromo.measurement.normals.normals import NormalMap
 from hagoromo.measurement.normals.photometric_model import predicted
 from hagoromo.measurement.normals.views import check_lamps
-from hagoromo.measurement.surface.large_capture import coarse_or_whole
-from hagoromo.measurement.surface.uneven_lamps import solve_uneven_lamps
+from hagoromo.measurement.surface.solved_surface import coarse_or_whole
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.photograph.rig import Array, Rig, RigLampRecord, as_rows
@@ -288,3 +288,32 @@ def _points(capture: Capture, normal: Array, mask: NDArray[np.bool_]) -> Array:
     if near and abs(away) < 1e-9:
         raise InputError("near lamps need to know where the card is: put the world's origin on it")
     return camera.position - rays * (away / (rays @ normal))[:, None]
+
+
+@dataclass(frozen=True, eq=False)
+class LampReadings:
+    """K lamps on one object or card.
+
+    name: of the capture. size: of its pictures [px]. lamps: as stated. level: (K, 3) ln strength at `place` (2,), the
+    middle of the object in p of `Rig`, and slope by p. variance: (K, 3) of it. colour: (K, C) ln of the channels'
+    strengths over their mean. turn: (K, 3) of far lamps' directions [rad], and turn_error (K,).
+    """
+
+    name: str
+    size: tuple[int, int]
+    lamps: tuple[Lamp, ...]
+    place: Array
+    level: Array
+    variance: Array
+    colour: Array
+    turn: Array
+    turn_error: Array
+
+    def ordered(self, order: list[int]) -> LampReadings:
+        """The lamps in another order."""
+        parts = {name: getattr(self, name)[order] for name in ("level", "variance", "colour", "turn", "turn_error")}
+        return replace(self, lamps=tuple(self.lamps[k] for k in order), **parts)
+
+    def moved(self) -> Array:
+        """(3, 3) matrix from `level` to the same in the middle of the picture."""
+        return np.array([[1.0, -self.place[0], -self.place[1]], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])

@@ -13,10 +13,9 @@ from typing import Annotated, Any
 import numpy as np
 from msgspec import UNSET, Meta
 
-from hagoromo.camera.camera import Camera
+from hagoromo.camera.camera import Camera, unplaced_camera
 from hagoromo.camera.lens import COEFFICIENTS
 from hagoromo.camera.pose import opencv_from_opengl, opengl_from_opencv, rigid_pose
-from hagoromo.camera.unplaced import unplaced_camera
 from hagoromo.errors import InputError
 from hagoromo.files.picture import named_picture, picture_size
 from hagoromo.files.record import (

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.cluster.mapped import here_or_on
+from hagoromo.cluster.cluster import here_or_on
 from hagoromo.errors import InputError
 from hagoromo.files.content import content_with_named
 from hagoromo.files.film_file import check_film_name, frames_of, write_film

@@ -19,8 +19,7 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.camera.response import camera_white, response_matrix
-from hagoromo.camera.srgb_from_camera import srgb_from_camera
+from hagoromo.camera.response import camera_white, response_matrix, srgb_from_camera
 from hagoromo.errors import InputError
 from hagoromo.files.exr import write_exr
 from hagoromo.files.png import write_png

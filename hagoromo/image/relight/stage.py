@@ -17,8 +17,7 @@ from hagoromo.files.toml_text import toml_text
 from hagoromo.files.whole import write_text
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum, smooth_rgb_basis
-from hagoromo.matter.relief.measured_relief import read_relief, surface_reflectances
-from hagoromo.matter.relief.relief import Relief
+from hagoromo.matter.relief.relief import Relief, read_relief, surface_reflectances
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.photograph.transforms import record_from_lamp

@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hagoromo.calibration.response.calibrate_response import read_response
 from hagoromo.calibration.response.chart import chart_spectra, read_chart
-from hagoromo.calibration.response.chart_response import read_response
 from hagoromo.camera.response import Response, camera_white
 from hagoromo.errors import InputError
 from hagoromo.files.png import read_png
 from hagoromo.image.spectra.photographed_white import White, read_linear, white_from_chart, white_from_patch
 from hagoromo.light.spectrum import Spectrum
-from hagoromo.measurement.measured_surface import read_surface
+from hagoromo.measurement.measurement_files import read_surface
 from hagoromo.reflectance.spectra.reflectance_prior import PRIORS, ReflectancePrior
 from hagoromo.reflectance.spectra.spectrum_estimate import SpectrumEstimate, estimate_spectrum, reading_matrix
 from hagoromo.reflectance.spectra.spectrum_map import SpectrumMap, estimate_spectra

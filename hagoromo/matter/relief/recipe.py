@@ -16,8 +16,7 @@ from hagoromo.errors import InputError
 from hagoromo.files.record import about
 from hagoromo.light.spectrum import SOURCE, Spectrum
 from hagoromo.matter.recipe import Kind, Recipe, RecipeTable
-from hagoromo.matter.relief.measured_relief import read_relief, surface_reflectances
-from hagoromo.matter.relief.relief import relief_plan
+from hagoromo.matter.relief.relief import read_relief, relief_plan, surface_reflectances
 from hagoromo.reflectance.spectra.body_basis import body_basis
 from hagoromo.volume.store.plan import BoxPlan
 

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from hagoromo.backend import arrays, clip
 from hagoromo.camera.camera import Camera
+from hagoromo.matter.shape import rising
 
 EDGE = 2.0  # voxels from outside to full density, measured along the normal
 SKIN_VOXELS = 4.0  # voxels of matter along the normal
@@ -30,7 +31,7 @@ LEAST_EDGE_COSINE = 0.5
 FRONT = (0.5 * EDGE + 2.0) / LEAST_EDGE_COSINE  # voxels before a facet in which there may be matter
 FOLD = 1.0  # voxels by which the point beside a facet may be off its plane: what is farther is no part of its surface
 OUTLINE_LIFT = 0.9  # voxels by which the sheet along an outline is before its facet, as what is seen of a skin is
-SHEET = EDGE * 9.0 / 70.0  # voxels of full density that it amounts to, in all: EDGE ∫ s (1 − s) dt, s of `_rising`
+SHEET = EDGE * 9.0 / 70.0  # voxels of full density that it amounts to, in all: EDGE ∫ s (1 − s) dt, s of `rising`
 DEPTH = 36.0  # optical depth of the skin along its normal: its visible part is a third of a voxel deep
 BACK_VOXELS = (SKIN_VOXELS + EDGE + 2.0) / LEAST_SKIN_COSINE  # voxels behind it
 BESIDE = [(down, right) for down in (-1, 0, 1) for right in (-1, 0, 1) if down or right]  # the pixels around one
@@ -154,7 +155,7 @@ class ReliefField:
             (deeper * dr.fmax(cosine, least) - aside) / self.voxel + lift * dr.square(cosine)
             for least in (LEAST_EDGE_COSINE, LEAST_SKIN_COSINE)
         )
-        density = _rising(above / EDGE + 0.5) * _rising((thickness + 0.5 * EDGE - below) / EDGE)
+        density = rising(above / EDGE + 0.5) * rising((thickness + 0.5 * EDGE - below) / EDGE)
         return density, dr.fmax(cosine, LEAST_SKIN_COSINE)
 
     def _outline(self, column: Any, row: Any, at: Any) -> tuple[Any, Any]:
@@ -230,9 +231,3 @@ def _levels(near: Array, far: Array) -> list[tuple[Any, Any, int, int]]:
         near, far = np.pad(near, even, constant_values=np.inf), np.pad(far, even, constant_values=-np.inf)
         shape = near.shape[0] // 2, 2, near.shape[1] // 2, 2
         near, far = near.reshape(shape).min(axis=(1, 3)), far.reshape(shape).max(axis=(1, 3))
-
-
-def _rising(t: Any) -> Any:
-    """0 below 0, 1 above 1, a smooth cubic between."""
-    t = clip(t, 0.0, 1.0)
-    return t * t * (3.0 - 2.0 * t)

@@ -14,8 +14,7 @@ import numpy as np
 from hagoromo.measurement.material.interval import CHI_SQUARE_95, inflation
 from hagoromo.measurement.material.quantity import Quantity, albedo_per_strength, alpha
 from hagoromo.measurement.material.sandwich import MaterialFit
-from hagoromo.measurement.parameters import LOG_GAMMA, LOG_N1, STRENGTH, channels_of
-from hagoromo.measurement.robust_fit import GAMMA_RANGE, N_RANGE
+from hagoromo.measurement.parameters import GAMMA_RANGE, LOG_GAMMA, LOG_N1, N_RANGE, STRENGTH, channels_of
 from hagoromo.measurement.sight import Array
 
 WIDTHS = np.geomspace(0.01, GAMMA_RANGE[1], 16)  # γ [rad] of the grid; narrower lobes would fall between pixels

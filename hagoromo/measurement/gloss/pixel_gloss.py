@@ -4,9 +4,16 @@ Enters: observations of pixels whose n is known, and a normal law as the prior o
 every pixel with the information in its photographs. The body of a pixel is linear in its values and is eliminated (as
 in `AlbedoVariationObjective`); all pixels are fitted at once (Levenberg–Marquardt). A pixel that no lamp shows near its
 highlight has no information: its estimate is the mean of the law, with the spread of the law as its error.
+
+Lobes: the interface value of each sample for its own facet width, at one refractive index.
+
+The width γ enters eq. (3) only through the facet density D. So irradiance, F, G and cosθ_r are evaluated once, with
+flat facets, and D is multiplied in for any γ.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,12 +21,15 @@ from numpy.typing import NDArray
 from hagoromo.least_squares.fit_status import FitStatuses
 from hagoromo.least_squares.levenberg_marquardt import Damping, Tolerance, levenberg_marquardt
 from hagoromo.least_squares.loss import HUBER
-from hagoromo.measurement.gloss.lobes import LobeShape, SampleLobes
+from hagoromo.measurement.facets import facet_density
 from hagoromo.measurement.observations import Observations
+from hagoromo.measurement.parameters import GAMMA_RANGE
 from hagoromo.measurement.photometric.gloss_posterior import SMALLEST_SPREAD, GlossLaw, GlossPosterior, PixelGloss
-from hagoromo.measurement.photometric.pixel_bodies import PixelBodies
-from hagoromo.measurement.robust_fit import GAMMA_RANGE
-from hagoromo.measurement.sight import Array
+from hagoromo.measurement.photometric.reading import PixelBodies
+from hagoromo.measurement.sight import Array, Sight
+from hagoromo.reflectance.facets import GAUSSIAN
+from hagoromo.reflectance.material.material_estimate import MaterialEstimate
+from hagoromo.reflectance.torrance_sparrow import Cosines
 
 START_WIDTHS = np.geomspace(0.35, 2.8, 7)  # times the law's γ: a start within a factor of 1.3 overlaps with the data
 STARTS_WITHIN = 2.5  # standard deviations of the law around its mean in which starts lie
@@ -27,6 +37,7 @@ PIXEL_GLOSS_ROUNDS = 3  # of weights and variances, which depend on the model
 PIXEL_GLOSS_STEPS = 25  # of a pixel, in each round
 SMALLEST_DECREMENT = 1e-4  # of χ²/2: a pixel whose next step would lower it by less has converged (1 % of an error)
 LONGEST_GLOSS_STEP = 1.0  # of ln β and ln γ each
+FLAT = np.log(1e3)  # ln γ at which every facet density is 1
 
 
 class PixelGlossFit:
@@ -185,3 +196,43 @@ class PixelGlossFit:
         """(P, C) contribution of the covariance of the gloss to the variance of the body."""
         slopes = np.stack([self.bodies.of(column) for column in self._columns(gloss)], axis=-1)
         return np.einsum("pci,pij,pcj->pc", slopes, covariance, slopes)
+
+
+@dataclass(frozen=True)
+class LobeShape:
+    """What all pixels of a material share beside n: ν of the tails of its facets, and its interface colour of mean 1.
+
+    nu: one number, or one of each of N samples (N,). colour: one number per channel, none for a neutral interface.
+    """
+
+    nu: float | Array = GAUSSIAN
+    colour: tuple[float, ...] = ()
+
+    @classmethod
+    def of(cls, material: MaterialEstimate) -> LobeShape:
+        """That of a material."""
+        return cls(material.nu, tuple(material.interface_colour))
+
+
+class SampleLobes:
+    """The interface of N samples under L lamps, each with its own ln γ."""
+
+    def __init__(self, sight: Sight, n: float, shape: LobeShape | None = None) -> None:
+        shape = LobeShape() if shape is None else shape
+        log_n1, self._tail = np.array([np.log(n - 1.0)]), np.array(1.0 / shape.nu)
+        colour = np.array(shape.colour) if shape.colour else np.ones(sight.irradiance.shape[2])
+        self._flat, self._angle2 = [], []
+        for lamp in range(sight.irradiance.shape[1]):
+            one = Cosines(*(cosine[:, lamp : lamp + 1] for cosine in sight.cosines))
+            flat = Sight(one, sight.irradiance[:, lamp : lamp + 1]).interface(np.array([FLAT]), log_n1)[0][0]
+            self._flat.append(flat * colour)
+            self._angle2.append(np.arccos(np.clip(one.half[:, 0], -1.0, 1.0)) ** 2)
+
+    def evaluate(self, log_gamma: Array) -> tuple[Array, Array]:
+        """Value per unit of β F₀ at log_gamma (N,), and its derivative by ln γ: two (N, C)."""
+        value, slope = np.zeros_like(self._flat[0]), np.zeros_like(self._flat[0])
+        for flat, angle2 in zip(self._flat, self._angle2, strict=True):
+            density = facet_density(angle2, log_gamma, self._tail, with_tail=False)
+            value += flat * density.value[:, None]
+            slope += flat * density.by_log_gamma[:, None]
+        return value, slope

@@ -17,9 +17,9 @@ from hagoromo.least_squares.levenberg_marquardt import Damping, Tolerance, leven
 from hagoromo.least_squares.loss import CAUCHY_SCALE
 from hagoromo.measurement.normals.shading import TAIL, shading, turned
 from hagoromo.measurement.normals.views import Array, Views
+from hagoromo.measurement.parameters import GAMMA_RANGE
 from hagoromo.measurement.photometric.gloss_posterior import GlossLaw, GlossPosterior, PixelGloss
 from hagoromo.measurement.photometric.reading import reading
-from hagoromo.measurement.robust_fit import GAMMA_RANGE
 
 COARSE = 10.0  # standard deviations of the first steps
 SOLVED_STEPS = 15  # of a pixel

@@ -11,18 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.measurement.observations import Pixels, known_shape
-from hagoromo.measurement.robust_fit import GAMMA_RANGE, N_RANGE
 from hagoromo.measurement.sight import sight_of
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
-from hagoromo.reflectance.parameters import ROWS
+from hagoromo.reflectance.parameters import GLOSS, OPEN_GLOSS
 
 FEWEST_AT_TOP = 20  # pixels of exactly one largest value
 CROWD = 3.0  # ratio to the count in the BAND below: light that is not clipped becomes rarer towards its peak
 BAND = 0.02  # relative width of that band
 FEWEST_HIDDEN = 5  # clipped samples closer to the peak of a highlight than any valid one
-GLOSS = ("beta", "gamma", "n", "nu")
 
 
 @dataclass(frozen=True)
@@ -64,19 +62,14 @@ def without_clipped_gloss(estimate: MaterialEstimate, cut: Clipped) -> MaterialE
     if cut.hidden < FEWEST_HIDDEN or measured_inside:
         return estimate
     known = estimate.interval_95["n"][0] == estimate.interval_95["n"][1]
-    bounds: dict[str, Any] = {
-        "beta": (0.0, math.inf),
-        "gamma": GAMMA_RANGE,
-        "nu": ROWS["nu"].fit.range,
-        "specular_albedo": (0.0, 1.0),
-    }
+    bounds: dict[str, Any] = {**OPEN_GLOSS, "specular_albedo": (0.0, 1.0)}
     remarks = [
         one for one in estimate.remarks if "no interface reflection" not in one and "not identifiable" not in one
     ]
     return replace(
         estimate,
         standard_error={**estimate.standard_error, **dict.fromkeys((*GLOSS, "specular_albedo"))},
-        interval_95={**estimate.interval_95, **bounds, "n": estimate.interval_95["n"] if known else N_RANGE},
+        interval_95={**estimate.interval_95, **bounds, **({"n": estimate.interval_95["n"]} if known else {})},
         identifiable={**estimate.identifiable, **dict.fromkeys((*GLOSS, "interface_colour"), False)},
         remarks=(*remarks, cut.remark),
     )

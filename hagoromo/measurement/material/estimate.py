@@ -2,6 +2,13 @@
 
 A specular term is accepted only if χ² falls significantly (p < 1e-4) over all γ and n. If it is not, β, γ and n are
 unknown; if it is, n may still be.
+
+Hidden body: intervals of a material whose body is black, or lies wholly under a highlight that no photograph leaves.
+
+No body reflects less than nothing. Where the best fit has none in some channel, it is at the limit of its range, and
+how bright it may be does not follow from the curvature there. It follows from a profile along the strength of the
+highlight: the less of it, the more of the body. So it does where the strength is known too badly for its errors to be
+normal: a faint narrow lobe on a body and a strong wide one on nothing may explain the photographs alike.
 """
 
 from __future__ import annotations
@@ -17,12 +24,14 @@ from scipy.stats import t as student
 from hagoromo.errors import InputError
 from hagoromo.measurement.gloss.faint_gloss import albedo, sweep_of_gloss, swept_interval
 from hagoromo.measurement.material.albedo_variation import find_albedo_variation
-from hagoromo.measurement.material.hidden_body import is_hidden, is_open, profile_over_strength
 from hagoromo.measurement.material.interval import (
+    NODES,
+    WELL_KNOWN,
     Profile,
     degrees_of_freedom,
     inflation,
     largest_tail,
+    profile_from,
     profile_over_n,
     profile_over_tail,
 )
@@ -39,7 +48,7 @@ from hagoromo.measurement.material.model_choice import (
     model_remarks,
 )
 from hagoromo.measurement.material.quantity import Quantity, alpha, body_colour, colour_of_interface, coordinate
-from hagoromo.measurement.material.sandwich import MaterialFit, with_colour_error
+from hagoromo.measurement.material.sandwich import MaterialFit, inverse_over, with_colour_error
 from hagoromo.measurement.material.uncertainty import (
     correlation_of,
     errors_of,
@@ -47,15 +56,16 @@ from hagoromo.measurement.material.uncertainty import (
     intervals_of,
     intervals_of_hidden,
     is_identifiable,
+    remarks_on_unknown,
     values_at,
     with_open_strength,
 )
 from hagoromo.measurement.observations import Observations
 from hagoromo.measurement.parameters import LOG_N1, STRENGTH, TAIL, channels_of, colour_slice
-from hagoromo.measurement.robust_fit import GAMMA_RANGE, N_RANGE, minimise
+from hagoromo.measurement.robust_fit import minimise
 from hagoromo.measurement.sight import Array
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
-from hagoromo.reflectance.parameters import ROWS
+from hagoromo.reflectance.parameters import GLOSS, OPEN_GLOSS
 
 WIDENED = "errors and intervals are wider by how far the highlight and the body are from the model"
 HIDDEN = (
@@ -64,6 +74,8 @@ HIDDEN = (
 )
 DETECTION = 1e-4  # probability that noise lowers χ² as much as an interface term has to
 PRIOR_N = 1.5  # refractive index of most dielectrics, plastic, skin and fibre among them: 1.3–1.7
+STEPS = np.linspace(0.02, 1.5, 38)  # of the strength, over the estimate
+OPEN_STEPS = np.geomspace(0.02, 1000.0, 49)  # the same, where it may be of any size
 
 
 def estimate_material(
@@ -140,9 +152,7 @@ def _glossy(observations: Observations, chosen: ChosenFit, name: str, pixels: in
     if is_hidden(fit):
         remarks.append(HIDDEN)
     remarks += model_remarks(chosen.tails, chosen.coloured, chosen.model, intervals["nu"][0], chosen.failure)
-    unknown = [key for key in ("alpha", "beta", "gamma") if not identifiable[key]]
-    if unknown:
-        remarks.append(f"not identifiable from these photographs: {', '.join(unknown)}")
+    remarks += remarks_on_unknown(identifiable)
     return MaterialEstimate(
         name,
         pixels,
@@ -165,10 +175,7 @@ def _matte(fitted: Fitted, tested: LackOfFit | None, name: str, pixels: int, n: 
     sweep, values = sweep_of_gloss(fit, n), values_at(fit.theta)
     intervals: dict[str, Any] = {
         "alpha": tuple(max(bound, 0.0) for bound in swept_interval(sweep, alpha)),
-        "beta": (0.0, math.inf),
-        "gamma": GAMMA_RANGE,
-        "n": N_RANGE if n is None else (n, n),
-        "nu": ROWS["nu"].fit.range,
+        **(OPEN_GLOSS if n is None else OPEN_GLOSS | {"n": (n, n)}),
         "specular_albedo": (0.0, min(swept_interval(sweep, albedo)[1], 1.0)),
         "body_colour": tuple(swept_interval(sweep, body_colour(channel)) for channel in range(c)),
     }
@@ -176,11 +183,10 @@ def _matte(fitted: Fitted, tested: LackOfFit | None, name: str, pixels: int, n: 
     return MaterialEstimate(
         name,
         pixels,
-        standard_error=errors_of(fit, values, intervals) | dict.fromkeys(("beta", "gamma", "n", "specular_albedo")),
+        standard_error=errors_of(fit, values, intervals) | dict.fromkeys((*GLOSS, "specular_albedo")),
         interval_95=intervals,
         correlation=correlation_of(fit),
-        identifiable=dict.fromkeys(("beta", "gamma", "n", "nu", "interface_colour"), False)
-        | {"alpha": alpha_identifiable},
+        identifiable=dict.fromkeys((*GLOSS, "interface_colour"), False) | {"alpha": alpha_identifiable},
         chi_square=fit.residuals.chi_square,
         remarks=(
             *_remarks(fitted, tested),
@@ -196,7 +202,7 @@ def _matte(fitted: Fitted, tested: LackOfFit | None, name: str, pixels: int, n: 
 def _with_wide(chosen: ChosenFit, intervals: dict[str, Any]) -> dict[str, Any]:
     """`intervals` with those of ν and the interface colour of the wide fit, where the chosen one has none."""
     wide, c = chosen.wide.fit, channels_of(chosen.wide.fit.theta)
-    missing: dict[str, Any] = {"nu": ROWS["nu"].fit.range}
+    missing: dict[str, Any] = {"nu": OPEN_GLOSS["nu"]}
     if wide.free[TAIL]:
         missing["nu"] = (1.0 / largest_tail(wide), math.inf)
     if c == 1:
@@ -234,3 +240,28 @@ def _remarks(fitted: Fitted, tested: LackOfFit | None, profile: Profile | None =
             "rest on: they may be too narrow"
         )
     return remarks
+
+
+def is_hidden(fit: MaterialFit) -> bool:
+    """Whether a channel of the body is at its limit, 0."""
+    return bool(np.any(fit.theta[: channels_of(fit.theta)] <= 0.0))
+
+
+def is_open(fit: MaterialFit) -> bool:
+    """Whether the strength of the highlight is known to worse than WELL_KNOWN of itself."""
+    return bool(np.sqrt(fit.covariance[STRENGTH, STRENGTH]) > WELL_KNOWN * fit.theta[STRENGTH])
+
+
+def profile_over_strength(fit: MaterialFit) -> Profile:
+    """Profile of `fit` along β F₀, with the body that fits best at each; through its whole range where it is open."""
+    place, best = fit.theta.size + STRENGTH, fit.theta[STRENGTH]
+    spread = np.sqrt(inverse_over(fit.curvature, fit.free)[place, place] * inflation(fit, coordinate(STRENGTH)))
+    near = best + spread * NODES
+    nodes = np.unique(np.maximum(np.concatenate([near, best * STEPS]), 1e-9 * best))
+    if not is_hidden(fit):
+        nodes = best * np.append(OPEN_STEPS, 1.0)
+        nodes.sort()
+    starts = np.tile(fit.theta, (len(nodes), 1))
+    starts[:, place] = nodes
+    others = fit.free & (np.arange(fit.theta.size) != place)
+    return profile_from(fit, place, starts, others)

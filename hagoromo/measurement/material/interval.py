@@ -23,8 +23,8 @@ from hagoromo.least_squares.fit_status import FitStatuses
 from hagoromo.measurement.facets import TAIL_RANGE
 from hagoromo.measurement.material.quantity import Quantity, coordinate
 from hagoromo.measurement.material.sandwich import MaterialFit, inverse_over
-from hagoromo.measurement.parameters import LOG_N1, STRENGTH, TAIL
-from hagoromo.measurement.robust_fit import N_RANGE, at_bound, minimise
+from hagoromo.measurement.parameters import LOG_N1, N_RANGE, STRENGTH, TAIL
+from hagoromo.measurement.robust_fit import at_bound, minimise
 from hagoromo.measurement.sight import Array
 
 CHI_SQUARE_95 = 3.841458820694124  # 0.95 quantile of χ² with one degree of freedom

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.measurement.parameters import LOG_GAMMA, LOG_N1, STRENGTH, TAIL, channels_of, interface_colour, pack_theta
-from hagoromo.measurement.photometric.pixel_bodies import PixelBodies
-from hagoromo.measurement.photometric.reading import reading
+from hagoromo.measurement.photometric.reading import PixelBodies, reading
 from hagoromo.measurement.robust_fit import Objective
 from hagoromo.measurement.sight import Array, Sight
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate

@@ -7,12 +7,12 @@ standard error of at most RELATIVE_LIMIT (of n − 1 for n, since the interface 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from hagoromo.least_squares.log_interval import exp_or_infinity
-from hagoromo.least_squares.loss import NORMAL_95
+from hagoromo.least_squares.loss import NORMAL_95, exp_or_infinity
 from hagoromo.measurement.facets import TAIL_RANGE
 from hagoromo.measurement.material.interval import Profile, interval, interval_of_n, interval_of_tail
 from hagoromo.measurement.material.quantity import (
@@ -26,9 +26,18 @@ from hagoromo.measurement.material.quantity import (
     log_beta,
 )
 from hagoromo.measurement.material.sandwich import MaterialFit
-from hagoromo.measurement.parameters import LOG_GAMMA, LOG_N1, TAIL, channels_of, colour_slice, unpack_theta
-from hagoromo.measurement.robust_fit import GAMMA_RANGE, N_RANGE
+from hagoromo.measurement.parameters import (
+    GAMMA_RANGE,
+    LOG_GAMMA,
+    LOG_N1,
+    N_RANGE,
+    TAIL,
+    channels_of,
+    colour_slice,
+    unpack_theta,
+)
 from hagoromo.measurement.sight import Array
+from hagoromo.reflectance.parameters import STATED
 
 RELATIVE_LIMIT = 0.25  # largest relative standard error of an identifiable parameter
 ADMISSIBLE_N = (N_RANGE[0] - 1.0, N_RANGE[1] - 1.0)  # of n − 1
@@ -128,6 +137,12 @@ def identifiable_of(fit: MaterialFit, intervals: dict[str, Any]) -> dict[str, bo
         and tail[1] - tail[0] <= WIDTH_95 * RELATIVE_LIMIT * max(1.0 / values["nu"], NEARLY_GAUSSIAN),
         "interface_colour": all(high - low <= WIDTH_95 * RELATIVE_LIMIT for low, high in colours),
     }
+
+
+def remarks_on_unknown(identifiable: Mapping[str, bool]) -> list[str]:
+    """One line if the photographs leave α, β or γ open; n has a remark of its own."""
+    unknown = [key for key in STATED if key != "n" and not identifiable[key]]
+    return [f"not identifiable from these photographs: {', '.join(unknown)}"] if unknown else []
 
 
 def errors_of(fit: MaterialFit | None, values: dict[str, Any], intervals: dict[str, Any]) -> dict[str, Any]:

@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from hagoromo.measurement.material.model_choice import CHANCE, FIRST_TAIL, Facets, Interface
-from hagoromo.measurement.normals.independent_share import share_of_step
 from hagoromo.measurement.normals.photometric_model import Fit, GlossChoice
-from hagoromo.measurement.normals.photometric_rounds import Rounds, rounds, settled
+from hagoromo.measurement.normals.photometric_rounds import Rounds, rounds, settled, share_of_step
 from hagoromo.measurement.normals.photometric_step import PixelProblem, PixelStep
 from hagoromo.measurement.normals.shading import TAIL, Gloss
 from hagoromo.measurement.normals.views import Array

@@ -12,17 +12,15 @@ from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
 from hagoromo.least_squares.fit_status import Status
-from hagoromo.least_squares.log_interval import log_interval
-from hagoromo.least_squares.loss import NORMAL_95
+from hagoromo.least_squares.loss import NORMAL_95, log_interval
 from hagoromo.measurement.facets import TAIL_RANGE
 from hagoromo.measurement.gloss.gloss_map import GlossMap, with_tails
 from hagoromo.measurement.material.misfit_shift import evidence_of_misfit
 from hagoromo.measurement.material.model_choice import Model, model_remarks
 from hagoromo.measurement.material.quantity import Quantity, colour_of_interface, coordinate, log_albedo, log_beta
-from hagoromo.measurement.material.uncertainty import is_identifiable
+from hagoromo.measurement.material.uncertainty import is_identifiable, remarks_on_unknown, values_at
 from hagoromo.measurement.measurement import Measurement
-from hagoromo.measurement.normals.highlight_check import highlight_check
-from hagoromo.measurement.normals.highlight_shift import highlight_shift
+from hagoromo.measurement.normals.highlight_check import highlight_check, highlight_shift
 from hagoromo.measurement.normals.lobe_estimate import FurtherLobes, width_interval
 from hagoromo.measurement.normals.normals import NormalMap
 from hagoromo.measurement.normals.photometric_model import Fit, predicted
@@ -31,14 +29,13 @@ from hagoromo.measurement.normals.shading import EXPONENT, SIGMA, TAIL, N
 from hagoromo.measurement.normals.views import Array
 from hagoromo.measurement.parameters import (
     LOG_GAMMA,
+    N_RANGE,
     STRENGTH,
     channels_of,
     colour_slice,
     pack_theta,
-    unpack_theta,
 )
 from hagoromo.measurement.parameters import TAIL as TAIL_OF_THETA
-from hagoromo.measurement.robust_fit import N_RANGE
 from hagoromo.photograph.capture import Capture
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
 from hagoromo.reflectance.parameters import ROWS
@@ -214,15 +211,9 @@ class _Gloss:
 
     def values(self) -> dict[str, Any]:
         """Of the gloss, by their names in `MaterialEstimate`."""
-        _, beta, gamma, _, nu, colour = unpack_theta(self.theta)
-        albedo = math.exp(float(log_albedo(self.theta[None])[0][0]))
-        return {
-            "beta": beta,
-            "gamma": gamma,
-            "nu": nu,
-            "interface_colour": tuple(colour.tolist()),
-            "specular_albedo": albedo,
-        }
+        of_body = ("alpha", "body_colour", "n")  # medians over pixels, and chosen
+        values = {key: value for key, value in values_at(self.theta).items() if key not in of_body}
+        return values | {"specular_albedo": math.exp(float(log_albedo(self.theta[None])[0][0]))}
 
     def relative_errors(self) -> dict[str, float]:
         """Standard errors of ln β, ln γ and ln of the specular albedo."""
@@ -283,10 +274,7 @@ def _remarks(fit: Fit, number: int, identifiable: dict[str, bool], least_nu: flo
     if abs(sigma) > NOTABLE * error:
         way = "more" if sigma > 0.0 else "less"
         remarks.append(f"its body sends {way} light back than Lambert's law: roughness {sigma:.2f} ± {error:.2f}")
-    unknown = [key for key in ("alpha", "beta", "gamma") if not identifiable[key]]
-    if unknown:
-        remarks.append(f"not identifiable from these photographs: {', '.join(unknown)}")
-    return remarks
+    return remarks + remarks_on_unknown(identifiable)
 
 
 def _unsettled(fit: Fit, number: int) -> list[str]:

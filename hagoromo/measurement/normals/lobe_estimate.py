@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from hagoromo.least_squares.log_interval import log_interval
+from hagoromo.least_squares.loss import log_interval
 from hagoromo.measurement.normals.photometric_model import Fit
 from hagoromo.measurement.normals.shading import N
 from hagoromo.measurement.normals.views import Array
-from hagoromo.measurement.robust_fit import GAMMA_RANGE
+from hagoromo.measurement.parameters import GAMMA_RANGE
 from hagoromo.reflectance.interface_albedo import interface_albedo
 
 OPEN_STRENGTH = 1.0  # standard error of ln β from which the strength of a lobe is called open: a factor of 7

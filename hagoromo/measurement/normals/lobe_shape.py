@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from hagoromo.measurement.facets import TAIL_RANGE, facet_density
 from hagoromo.measurement.normals.lobe_samples import Samples
 from hagoromo.measurement.normals.views import Array
-from hagoromo.measurement.robust_fit import GAMMA_RANGE
+from hagoromo.measurement.parameters import GAMMA_RANGE
 from hagoromo.reflectance.facets import LN2
 
 STEPS = 12

@@ -10,16 +10,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from hagoromo.measurement.normals.gloss_choice import FINE_GAIN
-from hagoromo.measurement.normals.independent_share import share_of_step
-from hagoromo.measurement.normals.normals import NormalMap
+from hagoromo.measurement.normals.gloss_choice import FINE_GAIN, GlossModel
+from hagoromo.measurement.normals.normals import NormalMap, solve_with_one_lobe
 from hagoromo.measurement.normals.photometric_model import Prior
-from hagoromo.measurement.normals.photometric_rounds import settled
+from hagoromo.measurement.normals.photometric_rounds import settled, share_of_step
 from hagoromo.measurement.normals.photometric_step import PixelProblem, PixelStep
 from hagoromo.measurement.normals.views import Array, Views
 from hagoromo.measurement.photometric.term import CaptureTerms, Term
-from hagoromo.measurement.photometric.term_fit import Profile
+from hagoromo.measurement.photometric.term_fit import Profile, fit_terms
+from hagoromo.measurement.surface.shape import has_near_lamps, solve_shape
 from hagoromo.photograph.capture import Capture
+from hagoromo.progress import Progress, silent
 
 MOST_PIXELS = 2000  # from which terms are estimated
 JOINT_ROUNDS, JOINT_STANDSTILL = 8, 0.1  # of moving terms and all else in turn; standard errors of the last step
@@ -76,3 +77,22 @@ def with_term_errors(capture: Capture, found: CaptureTerms, solved: NormalMap) -
     by_term = step.profile(changes_of_views(capture, found.terms, step.problem.views))[1]
     added = by_term @ found.covariance @ np.swapaxes(by_term, 1, 2)
     return replace(solved, fit=replace(solved.fit, covariance=solved.fit.covariance + added))
+
+
+def terms_of_unknown_shape(
+    capture: Capture, terms: Sequence[Term], distance: float, model: GlossModel, progress: Progress = silent
+) -> CaptureTerms:
+    """The unknowns of `terms` in `capture`, an object of unknown shape at `distance` [m]; model: see `solve_normals`.
+
+    `InputError` when the photographs do not determine normals, or the rounds do not converge.
+    """
+    progress(0.0, ", ".join(term.name for term in terms))
+
+    def profiles_of(without: Capture) -> list[Profile]:
+        if has_near_lamps(capture):
+            solved = solve_shape(without, distance, model=model).normal_map
+        else:
+            solved = solve_with_one_lobe(without, model=model)
+        return [profile_of_normals(capture, terms, solved)]
+
+    return fit_terms(capture, terms, profiles_of)

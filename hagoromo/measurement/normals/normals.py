@@ -2,6 +2,11 @@
 
 Enters: a Capture whose lamps are known. Leaves: a normal with its variance and a body colour per pixel, and how
 unevenly each lamp lights the object.
+
+Photometric fit: gloss, lamps and model error from a subset of the pixels, then normal and body of every pixel.
+
+Model errors are correlated over large parts of an object, so each photograph enters with its effective number of
+independent values (`independent_share`).
 """
 
 from __future__ import annotations
@@ -14,10 +19,13 @@ from numpy.typing import NDArray
 from hagoromo.least_squares.loss import CAUCHY_SCALE
 from hagoromo.measurement.gloss.solved_gloss import with_solved_gloss
 from hagoromo.measurement.material.segment import segment
-from hagoromo.measurement.normals.gloss_choice import BY_EVIDENCE, GlossModel
+from hagoromo.measurement.normals.gloss_choice import BY_EVIDENCE, GlossModel, choose_gloss
+from hagoromo.measurement.normals.lamp_shift import shifted_lamps
 from hagoromo.measurement.normals.lobe_fit import with_lobes
-from hagoromo.measurement.normals.photometric_fit import photometric_fit
-from hagoromo.measurement.normals.photometric_model import Fit, Prior
+from hagoromo.measurement.normals.photometric_model import Fit, Prior, precision
+from hagoromo.measurement.normals.photometric_rounds import independent_share
+from hagoromo.measurement.normals.photometric_step import PixelProblem
+from hagoromo.measurement.normals.pixel_fit import PixelConditions, fit_pixels
 from hagoromo.measurement.normals.shading import LEAST_COSINE, TAIL, Gloss
 from hagoromo.measurement.normals.views import Array, Views, views_from_capture
 from hagoromo.photograph.capture import Capture
@@ -26,6 +34,7 @@ from hagoromo.progress import Progress, part_of, silent
 START_GLOSS = (np.log(1.0), np.log(0.3), 0.0, 0.0)  # ln β, ln γ [rad], σ, ln(1 + ε) at the start
 START_ERROR = 0.02  # relative error of Lambert's law in the weights of the start
 LAMBERT_REWEIGHTINGS = 10
+SUBSET = 2000  # pixels from which gloss and lamps are estimated
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -219,3 +228,44 @@ def _segmented(capture: Capture, views: Views, normals: Array) -> NDArray[np.int
         points = camera.position + camera.pixel_directions()
     known = replace(capture, points=points, normals=views.image(normals.astype(np.float32)))
     return np.asarray(segment(known))
+
+
+def photometric_fit(
+    views: Views, start: Fit, prior: Prior | None = None, model: GlossModel = BY_EVIDENCE, seed: int = 0
+) -> tuple[Views, Fit]:
+    """Gloss, lamps and model error from a subset of the pixels, then normals and body of all pixels.
+
+    The returned views are `views` under the fitted lamps and at the fitted distance.
+    """
+    fit = fit_together(views, start, prior or Prior(), model, seed)
+    views = views.under(shifted_lamps(views, fit.shift), float(np.exp(fit.depth)))
+    light = PixelConditions(fit.gloss.rows[fit.labels], fit.evenness(views.place), precision(views, fit.model_error))
+    pixels = fit_pixels(views, light, start.normals, start.body)
+    return views, replace(
+        fit, normals=pixels.normals, body=pixels.body, variance=pixels.variance, pixel_status=pixels.status
+    )
+
+
+def fit_together(views: Views, start: Fit, prior: Prior, model: GlossModel = BY_EVIDENCE, seed: int = 0) -> Fit:
+    """Gloss, lamps and model error from SUBSET pixels of `views`; normals and body of all pixels are not changed."""
+    count = len(views.rows)
+    chosen = np.sort(np.random.default_rng(seed).choice(count, min(SUBSET, count), replace=False))
+    share = independent_share(views, start) * count / len(chosen)
+    every = np.ones(start.gloss.rows.shape, bool)  # numbers of gloss; which of them are free is chosen next
+    problem = PixelProblem(views.pixels(chosen), views.place[chosen], share, prior, every)
+    (step, status), choice = choose_gloss(problem, start.pixels(chosen), model)
+    fit, covariance = step.fit, step.covariances()[0]
+    return replace(
+        start,
+        gloss=fit.gloss,
+        strength=fit.strength,
+        slope=fit.slope,
+        shift=fit.shift,
+        depth=fit.depth,
+        model_error=fit.model_error,
+        covariance=covariance,
+        lamp_variance=step.relative_variance(),
+        prior=step.problem.prior,
+        choice=choice,
+        status=status,
+    )

@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hagoromo.measurement.gloss.gloss_map import remark_on_variation
 from hagoromo.measurement.normals.shading import TAIL
+from hagoromo.reflectance.parameters import OF_LOBES
 
 Array = NDArray[np.float64]
 
@@ -52,7 +54,7 @@ class OwnGlossTest:
         """The entry `gloss` in materials.json."""
         return {
             "per_pixel": self.varies,
-            "variation": dict(zip(("beta", "gamma", "tail"), self.spread, strict=True)),
+            "variation": dict(zip((*OF_LOBES, "tail"), self.spread, strict=True)),
             "log_evidence": self.log_evidence,
             "left_out": {"gain": self.gain, "p_value": self.p_value},
             "chi_square": {"shared": self.chi_square[0], "per_pixel": self.chi_square[1]},
@@ -63,12 +65,11 @@ class OwnGlossTest:
         """One line if the gloss varies, and one if the fit of pixels did not converge."""
         if not self.varies:
             return []
-        by_beta, by_gamma, by_tail = self.spread
+        *variation, by_tail = self.spread
         tails = f", 1/ν by {by_tail:.2g}" if by_tail > 0.0 else ""
         found = [
-            f"the gloss varies from pixel to pixel (β by {100 * by_beta:.2g} %, γ by {100 * by_gamma:.2g} %{tails}): "
-            "it was estimated per pixel; beta and gamma are its geometric means. In the highlights of photographs "
-            f"that were left out the error is {100.0 * self.gain:.0f} % less with it"
+            f"{remark_on_variation(variation, tails)}. In the highlights of photographs were left out the error is "
+            f"{100.0 * self.gain:.0f} % less with it"
         ]
         if self.converged < 1.0:
             found.append(f"the gloss of {100.0 * (1.0 - self.converged):.2g} % of the pixels did not converge")

@@ -20,12 +20,12 @@ from hagoromo.measurement.normals.lamp_shift import Shifted, shifted
 from hagoromo.measurement.normals.photometric_model import Fit, Prior, precision
 from hagoromo.measurement.normals.shading import TAIL, Gloss, Shading, interface_by_tail, shading, turned
 from hagoromo.measurement.normals.views import Array, Views
-from hagoromo.measurement.parameters import contrasts
+from hagoromo.measurement.parameters import GAMMA_RANGE, contrasts
 from hagoromo.measurement.photometric.reading import reading
 from hagoromo.measurement.photometric.term_fit import Profile, dispersion
 from hagoromo.reflectance.parameters import ROWS
 
-LOG_GAMMA_RANGE = (np.log(0.02), ROWS["gamma"].fit.bounds[1])  # of ln γ, γ [rad]
+LOG_GAMMA_RANGE = (np.log(0.02), np.log(GAMMA_RANGE[1]))  # of ln γ, γ [rad]
 ROUGHNESS_RANGE, LOG_EXPONENT_RANGE = ROWS["sigma"].fit.bounds, ROWS["epsilon"].fit.bounds
 COLOUR_RANGE = (-3.0, 3.0)  # of each number of the interface colour
 LONGEST_STEP = 0.5  # largest step of each number of a row of gloss and of a lamp

@@ -26,15 +26,13 @@ from scipy.stats import chi2
 from hagoromo.camera.sensor import Demosaic, demosaiced, native_of
 from hagoromo.errors import InputError
 from hagoromo.files.memory import require
-from hagoromo.photograph.development.bloom import without_bloom
-from hagoromo.photograph.development.bracket import BracketExposure, Merged, merge
+from hagoromo.photograph.development.bracket import BracketExposure, Merged, merge, shift_between
 from hagoromo.photograph.development.development import CalibrationFrames, Development
 from hagoromo.photograph.development.exposure import LINEAR_ROUNDING, Exposure, alike
 from hagoromo.photograph.development.linearity import Array, SignalLevels, levels_of, measured_seconds
 from hagoromo.photograph.development.master import dark_master, flat_master, odd_samples
-from hagoromo.photograph.development.movement import shift_between
 from hagoromo.photograph.development.noise import Noise
-from hagoromo.photograph.development.noise_estimate import estimated_noise, usual_noise
+from hagoromo.photograph.development.noise_estimate import estimated_noise, usual_noise, without_bloom
 from hagoromo.photograph.pixels import default_channels
 
 STILL_PX = 0.25  # [px] largest shift between exposures of a bracket; a larger one blurs edges

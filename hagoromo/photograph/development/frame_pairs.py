@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from hagoromo.photograph.development.exposure import Exposure, planes
-from hagoromo.photograph.development.photon_transfer import PARTS, Row
+from hagoromo.photograph.development.noise import PARTS, Row
 
 BINS = 12  # of the signal, per pair and colour
 FEWEST = 200  # least number of samples of a bin, or of a part of one

@@ -19,11 +19,9 @@ from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
 from hagoromo.least_squares.loss import robust_scale
-from hagoromo.photograph.development.bloom import without_bloom
 from hagoromo.photograph.development.exposure import Exposure, planes
 from hagoromo.photograph.development.frame_pairs import one_scene, pair_rows
-from hagoromo.photograph.development.noise import Noise
-from hagoromo.photograph.development.photon_transfer import Row, noise_of_rows
+from hagoromo.photograph.development.noise import Noise, Row, noise_of_rows
 from hagoromo.photograph.transforms import ASSUMED_FULL_WELL, ASSUMED_READ_NOISE
 
 LIT = 5.0  # least signal of samples that have light [standard deviations]
@@ -38,6 +36,7 @@ DIFFERENCES = ((2, 1.0), (4, 0.5), (8, 0.25), (12, 0.25))
 TEXTURE_TOLERANCE = 0.03  # excess over the last of these, beyond its error, from which a difference is texture
 MEDIAN_EFFICIENCY = 0.37  # of a variance by the median absolute value, relative to the mean square (Hampel 1974)
 BAND_ROWS, MOST_SAMPLES = 128, 1_000_000  # of a colour of a large frame: bands of rows, and samples in them
+BLOOM_PX = 3  # [px] clipped samples flood neighbours up to this distance: these are treated as clipped
 
 
 def usual_noise(exposure: Exposure) -> Noise:
@@ -228,3 +227,17 @@ def _difference_rows(
         if variance > 0.0 and at + CLIPPING_DISTANCE * np.sqrt(variance) < white:
             rows[k] = Row(max(at, 0.0), 1.0, variance, float(coarse[chosen].mean()), count)
     return rows
+
+
+def without_bloom(one: Exposure, across: bool) -> Exposure:
+    """With the neighbours of clipped samples marked as clipped; across: those of other colours of a mosaic, too."""
+    from scipy.ndimage import binary_dilation
+
+    full = np.array(one.full, np.bool_)
+    if full.any():
+        if one.mosaic and across:
+            full |= np.asarray(binary_dilation(one.full, np.ones((2 * BLOOM_PX + 1,) * 2)), np.bool_)
+        reach = -(-BLOOM_PX // 2) if one.mosaic else BLOOM_PX
+        for plane, grown in zip(planes(one.full, one.mosaic), planes(full, one.mosaic), strict=True):
+            grown |= np.asarray(binary_dilation(plane, np.ones((2 * reach + 1,) * 2)), np.bool_)
+    return replace(one, full=full)

@@ -1,4 +1,4 @@
-"""MaterialEstimate: the measured parameters of a material, their uncertainty, and which of them are identifiable."""
+"""MaterialEstimate: the measured parameters of a material, how well each is known, and their table for people."""
 
 from __future__ import annotations
 
@@ -8,21 +8,24 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup, escape
 
 from hagoromo.camera.response import Response, camera_white, response_matrix
 from hagoromo.errors import InputError
 from hagoromo.light.spectrum import Spectrum, smooth_rgb_basis
 from hagoromo.reflectance.body import RoughBody, diffuse_albedo_ratio
 from hagoromo.reflectance.element import Element
-from hagoromo.reflectance.material.material_html import decimals, materials_html
-from hagoromo.reflectance.parameters import FITTED_BODY_LAW, ROWS, BodyLaw
+from hagoromo.reflectance.parameters import FITTED_BODY_LAW, MEASURED, OF_LOBES, ROWS, STATED, BodyLaw
 from hagoromo.reflectance.reflectance import LARGEST_GAMMA, SMALLEST_GAMMA, Reflectance
 from hagoromo.reflectance.spectra.reflectance_prior import ReflectancePrior
 from hagoromo.reflectance.spectra.spectrum_estimate import Reading, SpectrumEstimate, reflectance_spectrum
 
-PARAMETERS = ("alpha", "beta", "gamma", "n")  # in the order of the correlation matrix
+PARAMETERS = STATED  # in the order of the correlation matrix
 WORST_SEPARATION = 1e6  # condition number of the matrix from weights of a spectrum to a camera's channels
 LONGEST_PRINTED_NAME = 40  # characters of a name that `repr` shows
+SYMBOLS = {each.name: each.shown for each in MEASURED if each.range is not None}
+SYMBOLS |= {key: f"{SYMBOLS[key]} of the body" for key in FITTED_BODY_LAW}  # shown where they were estimated
+PARAMETER_TITLES = ("material", "pixels", "parameter", "estimate", "standard error", "95 % interval", "identifiable")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -125,12 +128,19 @@ class MaterialEstimate(RoughBody):
         interface = Spectrum.constant(1.0)
         if len(set(self.interface_colour)) > 1:
             interface = self._spectrum("interface", self.interface_colour, response, lamp_spectrum)
-        element, law, alpha = element or self.element, self.body_law, self.alpha
+        return self.with_spectra(body, interface, element or self.element)
+
+    def with_spectra(
+        self, body: Spectrum, interface: Spectrum, element: Element = "plane", factor: float = 1.0
+    ) -> Reflectance:
+        """The reflectance with these colours, its weights α and β times `factor`: see `reflectance`."""
+        law, alpha, lobes = self.body_law, self.alpha, tuple((beta * factor, width) for beta, width in self.lobes)
         if element != "plane" and not law.has_lambert_body:
             alpha, law = alpha * diffuse_albedo_ratio(law), BodyLaw()
-        numbers = alpha, self.beta, self.gamma, self.n
-        more = self.nu, self.lobes
-        return Reflectance(*numbers, body, interface, element, self.name, *more, **law.body_departures)
+        numbers = {**{key: getattr(self, key) for key in STATED}, "alpha": alpha * factor, "beta": self.beta * factor}
+        shape = {"nu": self.nu, "lobes": lobes} | law.body_departures
+        named = {"body_colour": body, "interface_colour": interface, "element": element, "name": self.name}
+        return Reflectance(**numbers, **named, **shape)
 
     def _spectrum(
         self, part: str, colour: tuple[float, ...], response: Response | None, lamp_spectrum: Spectrum | None
@@ -170,3 +180,55 @@ class MaterialEstimate(RoughBody):
 
 def _short(values: Sequence[float] | np.ndarray) -> str:
     return "(" + ", ".join(f"{value:.3g}" for value in values) + ")"
+
+
+def decimals(error: float | tuple[float, ...] | None) -> int:
+    """Decimals that show a standard error with two significant figures; three where there is no error."""
+    if not isinstance(error, float) or not 0.0 < error < math.inf:
+        return 3
+    return max(0, 1 - math.floor(math.log10(error)))
+
+
+def parameter_rows(material: MaterialEstimate) -> list[list[str]]:
+    """The cells under `PARAMETER_TITLES` for each parameter of `material`; the name stands in the first row only."""
+    rows = []
+    for key, symbol in SYMBOLS.items():
+        error = material.standard_error.get(key)
+        if key in FITTED_BODY_LAW and error is None:
+            continue
+        digits = decimals(error)
+        low, high = (_figure(bound, digits) for bound in material.interval_95.get(key, (0.0, math.inf)))
+        identifiable = "yes" if material.identifiable.get(key) else Markup('<span class="no">no</span>')
+        figures = [_figure(getattr(material, key), digits), "" if error is None else f"{error:.{digits}f}"]
+        first = ["", ""] if rows else [material.name, str(material.pixels)]
+        rows.append([*first, symbol, *figures, f"{low} … {high}", identifiable])
+    return [*rows, *_lobe_rows(material)]
+
+
+def _lobe_rows(material: MaterialEstimate) -> list[list[str]]:
+    """The cells of β and γ of each further lobe, which are there because the photographs show them."""
+    rows = []
+    errors, bounds = (getattr(material, key).get("lobes", ()) for key in ("standard_error", "interval_95"))
+    for k, lobe in enumerate(material.lobes):
+        for part, parameter in enumerate(ROWS[key] for key in OF_LOBES):
+            error = errors[k][part] if k < len(errors) else None
+            digits = decimals(error)
+            low, high = bounds[k][part] if k < len(bounds) else (0.0, math.inf)
+            shown = [_figure(lobe[part], digits), "" if error is None else f"{error:.{digits}f}"]
+            spread = f"{_figure(low, digits)} … {_figure(high, digits)}"
+            rows.append(["", "", f"{parameter.symbol} of lobe {k + 2} [{parameter.unit}]", *shown, spread, "yes"])
+    return rows
+
+
+def _figure(value: float, digits: int) -> str:
+    return "∞" if value == math.inf else f"{value:.{digits}f}"
+
+
+def materials_html(materials: Sequence[MaterialEstimate]) -> str:
+    """An HTML table of the parameters of `materials`, with their remarks below it."""
+    head = "".join(f"<th>{cell}</th>" for cell in PARAMETER_TITLES)
+    rows = [row for material in materials for row in parameter_rows(material)]
+    body = "".join("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
+    remarks = [f"{escape(m.name)}: {escape(remark)}" for m in materials for remark in m.remarks]
+    listed = "<ul>" + "".join(f"<li>{remark}</li>" for remark in remarks) + "</ul>" if remarks else ""
+    return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>{listed}"

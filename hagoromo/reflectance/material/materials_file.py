@@ -5,74 +5,66 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import msgspec
-from msgspec import Meta
+from msgspec import Meta, defstruct
 
 from hagoromo.errors import InputError
 from hagoromo.files.record import Count, Record, WrittenBy, about, decode, read_json, save_json, written_by
 from hagoromo.reflectance.element import Element
 from hagoromo.reflectance.facets import GAUSSIAN, TailExponent
 from hagoromo.reflectance.material.material_estimate import PARAMETERS, MaterialEstimate
-from hagoromo.reflectance.parameters import FITTED_BODY_LAW, meaning, of_parameter
+from hagoromo.reflectance.parameters import FITTED_BODY_LAW, OF_LOBES, STATED, meaning, of_parameter
 
 UNKNOWN = "; null: it was not estimated"
 Bounds = tuple[float | None, float | None]  # null: no bound
 Row = Annotated[tuple[float | None, ...], Meta(min_length=len(PARAMETERS), max_length=len(PARAMETERS))]
 
 
-class StandardErrors(Record, frozen=True, kw_only=True):
-    """Standard errors, each in the unit of its parameter; null where there is none."""
+if TYPE_CHECKING:
+    StandardErrors = Record
+    Intervals = Record
+    Identifiable = Record
+else:
 
-    takes_null = True
+    def _table(name: str, words: str, *fields: Any) -> type[Record]:
+        """The class of a table of parameters; fields: name, type and default, or groups of these."""
+        each = [one for field in fields for one in (field if isinstance(field, list) else [field])]
+        named = {"__doc__": words, "takes_null": True}
+        return defstruct(name, each, bases=(Record,), namespace=named, frozen=True, kw_only=True)
 
-    alpha: Annotated[float | None, of_parameter("alpha")] = None
-    beta: Annotated[float | None, of_parameter("beta")] = None
-    gamma: Annotated[float | None, of_parameter("gamma")] = None
-    n: Annotated[float | None, of_parameter("n")] = None
-    nu: Annotated[float | None, of_parameter("nu", "; null for Gaussian facets")] = None
-    epsilon: Annotated[float | None, of_parameter("epsilon", UNKNOWN)] = None
-    sigma: Annotated[float | None, of_parameter("sigma", UNKNOWN)] = None
-    specular_albedo: Annotated[float | None, about("of the specular albedo")] = None
-    body_colour: Annotated[tuple[float | None, ...] | None, about("of the body colour, one per channel")] = None
-    interface_colour: Annotated[
-        tuple[float | None, ...] | None, about("of the interface colour, one per channel; null: it was not estimated")
-    ] = None
-    lobes: Annotated[tuple[tuple[float, float], ...], about("of beta and gamma of each further lobe")] = ()
+    OF_LOBES_EACH = about(f"of {' and '.join(OF_LOBES)} of each further lobe")
+    OF_INTERFACE = about("of the interface colour, one per channel; null: it was not estimated")
 
-
-class Intervals(Record, frozen=True, kw_only=True):
-    """95 % confidence intervals [low, high], each in the unit of its parameter; null: no bound on that side."""
-
-    takes_null = True
-
-    alpha: Annotated[Bounds, of_parameter("alpha")]
-    beta: Annotated[Bounds, of_parameter("beta")]
-    gamma: Annotated[Bounds, of_parameter("gamma")]
-    n: Annotated[Bounds, of_parameter("n")]
-    specular_albedo: Annotated[Bounds, about("of the specular albedo")]
-    body_colour: Annotated[tuple[Bounds, ...], about("of the body colour, one per channel")]
-    nu: Annotated[Bounds, of_parameter("nu", "; null above: up to Gaussian facets")] = (0.0, None)
-    epsilon: Annotated[Bounds | None, of_parameter("epsilon", UNKNOWN)] = None
-    sigma: Annotated[Bounds | None, of_parameter("sigma", UNKNOWN)] = None
-    interface_colour: Annotated[
-        tuple[Bounds, ...] | None, about("of the interface colour, one per channel; null: it was not estimated")
-    ] = None
-    lobes: Annotated[tuple[tuple[Bounds, Bounds], ...], about("of beta and gamma of each further lobe")] = ()
-
-
-class Identifiable(Record, frozen=True, kw_only=True):
-    """Whether the photographs determine a parameter; where not, its value is a stated choice (see `remarks`)."""
-
-    alpha: bool
-    beta: bool
-    gamma: bool
-    n: bool
-    nu: bool = False
-    epsilon: bool = False
-    sigma: bool = False
-    interface_colour: bool = False
+    StandardErrors = _table(
+        "StandardErrors",
+        "Standard errors, each in the unit of its parameter; null where there is none.",
+        [(key, Annotated[float | None, of_parameter(key)], None) for key in STATED],
+        ("nu", Annotated[float | None, of_parameter("nu", "; null for Gaussian facets")], None),
+        [(key, Annotated[float | None, of_parameter(key, UNKNOWN)], None) for key in FITTED_BODY_LAW],
+        ("specular_albedo", Annotated[float | None, about("of the specular albedo")], None),
+        ("body_colour", Annotated[tuple[float | None, ...] | None, about("of the body colour, one per channel")], None),
+        ("interface_colour", Annotated[tuple[float | None, ...] | None, OF_INTERFACE], None),
+        ("lobes", Annotated[tuple[tuple[float, float], ...], OF_LOBES_EACH], ()),
+    )
+    Intervals = _table(
+        "Intervals",
+        "95 % confidence intervals [low, high], each in the unit of its parameter; null: no bound on that side.",
+        [(key, Annotated[Bounds, of_parameter(key)]) for key in STATED],
+        ("specular_albedo", Annotated[Bounds, about("of the specular albedo")]),
+        ("body_colour", Annotated[tuple[Bounds, ...], about("of the body colour, one per channel")]),
+        ("nu", Annotated[Bounds, of_parameter("nu", "; null above: up to Gaussian facets")], (0.0, None)),
+        [(key, Annotated[Bounds | None, of_parameter(key, UNKNOWN)], None) for key in FITTED_BODY_LAW],
+        ("interface_colour", Annotated[tuple[Bounds, ...] | None, OF_INTERFACE], None),
+        ("lobes", Annotated[tuple[tuple[Bounds, Bounds], ...], OF_LOBES_EACH], ()),
+    )
+    Identifiable = _table(
+        "Identifiable",
+        "Whether the photographs determine a parameter; where not, its value is a stated choice (see `remarks`).",
+        [(key, bool) for key in STATED],
+        [(key, bool, False) for key in ("nu", *FITTED_BODY_LAW, "interface_colour")],
+    )
 
 
 class MaterialRecord(Record, frozen=True, kw_only=True):
@@ -92,14 +84,14 @@ class MaterialRecord(Record, frozen=True, kw_only=True):
     n: Annotated[float, meaning("n")]
     epsilon: Annotated[float, meaning("epsilon")] = 0.0
     sigma: Annotated[float, meaning("sigma")] = 0.0
-    lobes: Annotated[tuple[tuple[float, float], ...], meaning("lobes", ", each [beta, gamma]")] = ()
+    lobes: Annotated[tuple[tuple[float, float], ...], meaning("lobes", f", each [{', '.join(OF_LOBES)}]")] = ()
     specular_albedo: Annotated[float, about("directional albedo of the interface part, viewed along the normal")]
     element: Annotated[Element, meaning("element")] = "plane"
     standard_error: Annotated[StandardErrors, about("standard error of each parameter")]
     interval_95: Annotated[Intervals, about("95 % confidence interval of each parameter")]
     correlation: Annotated[
         tuple[Row, ...],
-        about("correlation of the estimates of alpha, beta, gamma, n; null where one was not estimated"),
+        about(f"correlation of the estimates of {', '.join(STATED)}; null where one was not estimated"),
     ]
     identifiable: Annotated[Identifiable, about("whether the photographs determine a parameter")]
     chi_square: Annotated[float, about("χ² of the residuals per degree of freedom")]
@@ -165,7 +157,7 @@ def _material(entry: Any, where: str) -> MaterialEstimate:
     fields["nu"] = GAUSSIAN if record.nu is None else record.nu
     intervals = fields["interval_95"]
     colours = {name: intervals.pop(name) for name in ("body_colour", "interface_colour")}
-    lobes = tuple((_interval(beta), _interval(gamma)) for beta, gamma in intervals.pop("lobes"))
+    lobes = tuple(tuple(_interval(one) for one in lobe) for lobe in intervals.pop("lobes"))
     found: dict[str, Any] = {name: _interval(value) for name, value in intervals.items() if value is not None} | {
         name: tuple(_interval(one) for one in value) for name, value in colours.items() if value is not None
     }

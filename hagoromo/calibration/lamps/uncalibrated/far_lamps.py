@@ -17,17 +17,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.calibration.lamps import check_spread
-from hagoromo.calibration.lamps.lamp_records import check_of_object
+from hagoromo.calibration.lamps.lamp_calibration import check_of_object
 from hagoromo.calibration.lamps.uncalibrated.bas_relief import ObjectPrior
 from hagoromo.calibration.lamps.uncalibrated.low_rank import Array
-from hagoromo.calibration.lamps.uncalibrated.reduced import colours, reduced
-from hagoromo.calibration.lamps.uncalibrated.scale import FLIP, scales_of
+from hagoromo.calibration.lamps.uncalibrated.scale import FLIP, colours, reduced, scales_of
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
 from hagoromo.files.record import decode, read_json, save_json, written_by
 from hagoromo.least_squares.fit_status import FitStatus
 from hagoromo.light.lamp import Lamp
-from hagoromo.photograph.lamps_file import LampsRecord
+from hagoromo.photograph.lamp_files import LampsRecord
 from hagoromo.progress import Progress, silent
 
 MOST_PIXELS = 40_000  # of the object at the finest scale
