@@ -10,8 +10,7 @@ from tyro.conf import Positional
 
 import hagoromo as hg
 from hagoromo.app.progress_bar import progress_bar
-from hagoromo.app.verb import Force, Out, say, verb, verbs, wrote
-from hagoromo.app.written import Written
+from hagoromo.app.verb import Force, Out, Written, say, verb, verbs, wrote
 from hagoromo.errors import InputError
 from hagoromo.files.record import write_json
 from hagoromo.files.whole import replaceable_files, replaceable_folder, whole_files
