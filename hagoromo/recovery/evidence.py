@@ -2,7 +2,7 @@
 
 Errors of pixels of one photograph are alike (a pose, a lamp, the model), so the covariance of the gloss is estimated
 from what each photograph as a whole would change (the sandwich of Huber 1967, clustered by photograph), after the body
-colour of each place has been fitted to it.
+colour of each place has been fitted to it. What changed between the last two levels of the lattice is added.
 """
 
 from __future__ import annotations
@@ -57,8 +57,12 @@ class Evidence:
         }
 
 
-def evidence_of(descent: Descent) -> Evidence:
-    """What the pixels of a descent say of its result."""
+def evidence_of(descent: Descent, coarser: NDArray[np.floating] | None = None) -> Evidence:
+    """What the pixels of a descent say of its result.
+
+    coarser: the gloss that the level before found; the square of what changed since counts as variance, as the lattice
+    has an error, too.
+    """
     shape = descent.field.shape
     count = int(np.prod(shape))
     total = descent.pixels.count // CHUNK
@@ -72,6 +76,8 @@ def evidence_of(descent: Descent) -> Evidence:
         drawn = descent.pixels.of(chosen[first : first + AT_ONCE])
         parts.append(_part(descent, drawn, seen, known))
     gloss = _gloss_covariance(parts, count, copies) if descent.lamps.each else np.zeros((3, 3))
+    if coarser is not None and descent.lamps.each:
+        gloss = gloss + np.diag((np.array(descent.shading.gloss, np.float64) - coarser) ** 2)
     with np.errstate(divide="ignore"):
         error = np.where(known > 0.0, 1.0 / np.sqrt(known * copies), np.nan)
     return Evidence(

@@ -85,17 +85,18 @@ def recover(
     low, high = box_of([v.photograph for v in used], [v.share for v in used], stated)
     levels = [Lattice.around(low, high, side) for side in sides(settings.side)]
     require(BYTES_PER_NODE * float(np.prod(levels[-1].shape)), f"a lattice of {settings.side} nodes along its edge")
-    state, complete, known = None, True, None
+    state, complete, known, coarser = None, True, None, None
     shares = np.array([LEVEL_SHARE] * (len(levels) - 1) + [1.0])
     ends = np.concatenate([[0.0], np.cumsum(shares / shares.sum())])
     try:
         for number, level in enumerate(levels):
             last = number == len(levels) - 1
+            coarser = None if state is None else np.array(state.descent.shading.gloss, np.float64)
             state = _begun(used, level, state, settings, last)
             own = part_of(progress, float(ends[number]), float(np.diff(ends)[number]), f"{max(level.shape)} nodes")
             state.descent.run(settings.steps, settings.rays // CHUNK, LAST_SOFTNESS if last else SOFTNESS, own)
         assert state is not None  # there is a level
-        known = evidence_of(state.descent)
+        known = evidence_of(state.descent, coarser)
     except KeyboardInterrupt:
         if state is None:
             raise
