@@ -32,10 +32,10 @@ OVERSAMPLED = 2  # rays along a side of a pixel
 class Truth:
     """An object: β [1/sr], γ [rad], n; where it is (`distance`) and its body colour (`colours`), at points [m].
 
-    flat: whether it has one colour everywhere.
+    flat: whether it has one colour everywhere. Its gloss conserves energy at every angle.
     """
 
-    def __init__(self, beta: float = 3.0, gamma: float = 0.15, n: float = 1.5, flat: bool = False) -> None:
+    def __init__(self, beta: float = 2.2, gamma: float = 0.1, n: float = 1.5, flat: bool = False) -> None:
         self.beta, self.gamma, self.n, self.flat = beta, gamma, n, flat
 
     def distance(self, p: Any) -> Any:
@@ -50,11 +50,11 @@ class Truth:
     def colours(self, p: Any) -> list[Any]:
         """Body colour at points: three smooth patterns."""
         if self.flat:
-            return [0.6 + 0.0 * p.x, 0.5 + 0.0 * p.x, 0.4 + 0.0 * p.x]
+            return [0.5 + 0.0 * p.x, 0.4 + 0.0 * p.x, 0.3 + 0.0 * p.x]
         return [
-            0.5 + 0.25 * dr.sin(150.0 * p.x + 2.0) * dr.cos(110.0 * p.z),
-            0.45 + 0.2 * dr.sin(170.0 * p.y) * dr.cos(90.0 * p.x + 1.0),
-            0.4 + 0.25 * dr.cos(130.0 * p.z + 60.0 * p.x),
+            0.4 + 0.2 * dr.sin(150.0 * p.x + 2.0) * dr.cos(110.0 * p.z),
+            0.36 + 0.18 * dr.sin(170.0 * p.y) * dr.cos(90.0 * p.x + 1.0),
+            0.34 + 0.22 * dr.cos(130.0 * p.z + 60.0 * p.x),
         ]
 
 

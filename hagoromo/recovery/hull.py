@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 COARSE = 48  # nodes along an edge while the box is looked for
 MARGIN = 0.06  # of the object's extent, free on each side of it
 ROUNDS = 3
+LEAST_SHOWN = 0.5  # share of the photographs that must show a place of the object
 ALLOWED = 0.15  # share of the photographs whose silhouettes may miss a part, where no masks state them
 CRUMB = 0.01  # size of a part, in that of the largest, below which it is a crumb
 NAMED = 5  # photographs that a message names
@@ -51,18 +52,20 @@ def hull_distance(
 ) -> Array:
     """Signed distance (nz, ny, nx) [voxel] to the hull, about right near its surface: negative inside.
 
-    A place that a photograph does not show is not carved by it. stated: whether silhouettes are exact; if not, a share
+    A place that a photograph does not show is not carved by it; one that fewer than a share of LEAST_SHOWN of the
+    photographs show is outside. stated: whether silhouettes are exact; if not, a share
     of ALLOWED of the photographs that show a place may miss it, as where it is in shadow.
     """
     nodes = lattice.nodes().reshape(-1, 3)
     largest = [np.full(len(nodes), -np.inf)] * (1 if stated else 1 + int(ALLOWED * len(photographs)))
+    views = np.zeros(len(nodes), np.int32)
     for photograph, silhouette in zip(photographs, silhouettes, strict=True):
         own, shown = _distance_in(photograph.camera, silhouette, nodes)
-        own = np.where(shown, own / lattice.voxel, -np.inf)
+        own, views = np.where(shown, own / lattice.voxel, -np.inf), views + shown
         for k, held in enumerate(largest):
             largest[k], own = np.maximum(held, own), np.minimum(held, own)
     distance = largest[-1].copy()
-    distance[~np.isfinite(distance)] = 1e3  # no photograph shows it
+    distance[(views < LEAST_SHOWN * len(photographs)) | ~np.isfinite(distance)] = 1e3
     return distance.reshape(lattice.shape)
 
 

@@ -13,6 +13,7 @@ SAID = {
     "02_render_a_scene.py": ["image.exr", "image.png"],
     "03_through_another_camera.py": ["canon_eos_300d", "Nikon", "R/G"],
     "04_preview.py": ["pixels after", "100% of the work", "preview.exr"],
+    "05_recover.py": ["Recovered('figure'", "gamma", "view 17", "dB"],
 }
 
 
