@@ -81,6 +81,8 @@ def ray_gradient(
         dr.eval(front, passed, back, far)
         seen = [dr.fma(passed, surface, matter) for matter, surface in zip(front, back, strict=True)]
         light = as_light(seen, dr.select(on_surface, 0.0, passed))
+        if not by:
+            return RayGradient(light)
         by_weights, by_passed = _by_light(by_light, light)
         by_all = _product(by_weights, back) + dr.select(on_surface, 0.0, by_passed)
         moved = adjoint.backward(rays, by_weights, dr.fma(passed, by_all, _product(by_weights, front)))
@@ -94,7 +96,7 @@ def ray_gradient(
 def _check(prepared: PreparedScene, medium: DifferentiableMedium, by: Sequence[str]) -> None:
     """`InputError` for what has no gradient."""
     unknown = [name for name in by if name not in NAMES]
-    if isinstance(by, str) or not by or unknown:
+    if isinstance(by, str) or unknown:
         raise InputError(f"by is {by!r}: give a tuple of some of {', '.join(NAMES)}")
     if "colour" in by and medium.colours is None:
         raise InputError("by colour: no box has a colour per voxel; ask for materials")

@@ -170,25 +170,26 @@ class RayMarch:
 
             ∂loss/∂p = Σ by_light.weights · ∂weights/∂p + Σ by_light.transmittance · ∂transmittance/∂p
 
-        by_light: the derivative of the loss by the light of each ray, (rays, channels) as its weights, or a `RayLight`
-        of that by weights and transmittance; or a function that gives either from the light. Of a loss that is linear
-        in the light, its weights. by: what p is, some of density, axis, colour, materials, lamps, rays; of density
-        alone it takes about three forward marches, five with shadows, however many voxels there are (`python
-        benchmarks/gradient.py`). Only for `differentiable`.
+        by_light: the derivative of the loss by the light of each ray, (rays, channels) by its weights, or a `RayLight`
+        by both; or a function that gives one of these from the light. by: what p is, some of density, axis, colour,
+        materials, lamps, rays; () for the light alone. It costs a few forward marches, whatever the number of voxels:
+        `python benchmarks/gradient.py`. Only for `differentiable`.
 
-        The light is that of `Adjoint`: two samples a step, which do not know of each other. It differs from that of a
-        call by the error of both, 0.5 % where planes end suddenly at their horizon, and 0.02 % elsewhere; the gradient
-        is that of the light returned, with steps held. It leaves out what jumps: light at the horizon of a plane,
-        where f drops to 0; the border between two materials; voxels of bricks that are not stored, which have the
-        gradient 0 (a box built from arrays stores bricks of 8³ voxels that hold any density); a surface that covers a
-        lamp or is covered; the facets of spheres by gamma and nu, which are tabled. Where a colour follows from the law
-        of a body, as a varnish's does, that is held. By axes where a voxel is empty it is 0.
-        `InputError` for another shape, an unknown name, colours that no box has, or rays that surfaces meet.
+        The light is that of two samples a step, each with a place of its own (`Adjoint`). It differs from that of a
+        call by the errors of both, see the tolerance above; the gradient is that of the light returned, with its steps
+        held. It leaves out what jumps: the light of a plane at its horizon, where f drops to 0, which soft shells of
+        planes have much of; the border between two materials; the edge of a surface before a lamp. It leaves out the
+        shadow of what sends less than 1e-5 of a lamp's light to the eye. Voxels of bricks that are not stored have the
+        gradient 0; a box built from arrays stores the bricks of 8³ voxels that hold any matter. By gamma and nu the
+        facets of spheres, which are tabled, have none; where the law of a body changes its colour, as a varnish does,
+        that is held.
+        `InputError` for another shape, an unknown name, colours that no box has, rays that surfaces may meet, or lamps
+        of which some stand at one place.
         """
         origin, direction = _rays(origins, directions)
         found = ray_gradient(self._prepared, self._from_origin(origin), arrays().Array3f(direction), by_light, by)
         if found.materials is not None:
-            found = found._replace(materials=found.materials[: dr.width(self.materials)].reshape(-1, len(self.columns)))
+            found = found._replace(materials=found.materials.reshape(-1, len(self.columns)))
         if found.lamps is not None:
             found = found._replace(lamps=_along_units(found.lamps, self.scene))
         if found.rays is not None and not dr.is_array_v(directions):

@@ -14,6 +14,7 @@ of each other: `march`, which fits the light of a step to the samples before and
 from __future__ import annotations
 
 import functools
+import math
 import operator
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -27,7 +28,7 @@ from hagoromo.transport.lighting import Lighting
 from hagoromo.transport.march import OPAQUE_OPTICAL_DEPTH, radiance_from_sample
 from hagoromo.transport.medium import GAUSS_NODE, Limit, depth_share
 from hagoromo.transport.moving import Moving, Rays, on_ray
-from hagoromo.transport.shadows_back import ShadowsBack
+from hagoromo.transport.shadows_back import LEAST_SHARE, ShadowsBack
 
 LONGER = 2.0  # steps than those of `march`, which have one sample
 
@@ -91,7 +92,7 @@ class Adjoint:
     ) -> tuple[Sample, Float]:
         """The next sample, and the length of its step [m]."""
         inside = [(begin >= 0.0) & (begin < ray.far) for begin, ray in zip(begins, lattices, strict=True)]
-        limit = _limit(crossing, inside)
+        limit = _limit(crossing, inside, self.medium.empty)
         parts, length = [], arrays().Float(dr.inf)
         for k, (ray, begin) in enumerate(zip(lattices, begins, strict=True)):
             part = self.search.interval(crossing, arrays().UInt(k), dr.fmax(begin, 0.0), ray)
@@ -108,9 +109,10 @@ class Adjoint:
 
     def lit(self, sample: Sample, back: bool) -> Bool:
         """Whether a sample is lit."""
-        if back and self.by_density:
-            return functools.reduce(operator.or_, (part.brick >= 0 for part in sample.parts))
-        return sample.matter
+        if not (back and self.by_density):
+            return sample.matter
+        stored = functools.reduce(operator.or_, (part.brick >= 0 for part in sample.parts))
+        return sample.matter | (stored & (sample.before < -math.log(LEAST_SHARE)))
 
     def light(self, rays: Rays, sample: Sample) -> tuple[list[Float], Float]:
         """What a sample adds to the channels, and the optical depth of its step."""
@@ -137,7 +139,7 @@ class Adjoint:
         """Differentiate a sample. behind: its light and that of all behind it, in units of the loss. Leaves: what is
         left of that, the optical depth of the step, and the derivative by what moves.
         """
-        self.shadows.matter = sample.matter
+        self.shadows.seen = dr.select(sample.matter, dr.exp(-sample.before), 0.0)
         with dr.resume_grad():
             moved = self.moving.track(rays)
             channels, total = self.light(moved, self._on(moved, sample))
@@ -190,13 +192,16 @@ def _walk(adjoint: Adjoint, rays: Rays, behind: Float | None) -> tuple[list[Floa
     return channels, depth, by_moved
 
 
-def _limit(crossing: Crossing, inside: list[Bool]) -> Limit:
-    """Parts of a step, so that it is neither too deep, in all boxes together, nor too long."""
+def _limit(crossing: Crossing, inside: list[Bool], empty: Float) -> Limit:
+    """Parts of a step in matter, so that it is neither too deep, in all boxes together, nor too long; empty: optical
+    depth of a step without.
+    """
     boxes = sum(dr.select(here, 1.0, arrays().Float(0)) for here in inside)
 
     def parts(step: MarchInterval) -> Float:
         deep = step.depth * boxes / crossing.frames.deepest
-        return dr.ceil(dr.fmax(deep, (step.end - step.begin) / step.ray.longest) / LONGER)
+        needed = dr.ceil(dr.fmax(deep, (step.end - step.begin) / step.ray.longest) / LONGER)
+        return dr.select(step.depth > empty, needed, 1.0)
 
     return parts
 

@@ -9,25 +9,27 @@ from collections.abc import Callable
 
 import drjit as dr
 
-from hagoromo.backend import Array3f, Bool, Float, arrays
+from hagoromo.backend import Array3f, Float, arrays
 from hagoromo.transport.crossing import MarchInterval
 from hagoromo.transport.differentiable_medium import DifferentiableMedium, crossing_of
 from hagoromo.transport.lighting import ShadowRay
 from hagoromo.transport.march import OPAQUE_OPTICAL_DEPTH, optical_depth
 from hagoromo.transport.moving import on_ray
 
+LEAST_SHARE = 1e-5  # of the light of a lamp that a sample would send to the eye: less has no derivative by its shadow
+
 
 class ShadowsBack:
     """`AttenuationOfAll` of a medium, whose derivative marches.
 
-    by_voxels: whether voxels are tracked that attenuate light. by_rays: whether the rays to lamps move. matter: where
-    there is matter that sends light: that of other samples is 0, and so is its derivative by shadows. A plain object:
+    by_voxels: whether voxels are tracked that attenuate light. by_rays: whether the rays to lamps move. seen: the share
+    of a sample's light that reaches the eye, 0 where there is no matter to send any; see LEAST_SHARE. A plain object:
     loops do not take its arrays into their state.
     """
 
     def __init__(self, medium: DifferentiableMedium, by_voxels: bool, by_rays: bool) -> None:
         self.medium, self.search, self.by_voxels, self.by_rays = medium, medium.searching(), by_voxels, by_rays
-        self.matter: Bool = True
+        self.seen: Float = 1.0
         self.kept: list[tuple[ShadowRay, Float]] | None = None
 
     def __call__(self, rays: list[ShadowRay]) -> list[Float]:
@@ -89,7 +91,8 @@ class _Transmittances(dr.CustomOp):
         by_rays = []
         with dr.suspend_grad():
             for ray, passed, by_passed in zip(self.rays, self.passed, by_all, strict=True):
-                by_depth = dr.select(self.shadows.matter, -passed * by_passed, 0.0)
+                enough = self.shadows.seen * passed > LEAST_SHARE
+                by_depth = dr.select(enough, -passed * by_passed, 0.0)
                 by_origin, by_direction = _depth_back(_Way(self.shadows, ray, by_depth))
                 by_rays.append((by_origin, by_direction, dr.zeros(arrays().Float, dr.width(ray[2]))))
         if self.shadows.by_rays:

@@ -50,7 +50,7 @@ class Loss:
 
     def of(self, rays: hg.RayMarch, origins: Array = RAYS[0], directions: Array = RAYS[1]) -> float:
         """Of the light that gradients are of."""
-        return self(rays.gradient(origins, directions, self.by_light, by=("materials",)).light)
+        return self(rays.gradient(origins, directions, self.by_light, by=()).light)
 
 
 @pytest.fixture(scope="module", params=["march", "none"], ids=["shadows", "no shadows"])
