@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import hagoromo as hg
+from hagoromo.transport.differentiable_medium import LARGEST_TOLERANCE
 from tests.oracle.lattice import Array
 from tests.oracle.radiance import camera_rays
 from tests.oracle.scenes import BLUE, GRAINS, LOW_LAMP, RED, SHINY, box_of, camera, centres, cloud
@@ -124,10 +125,16 @@ def test_so_is_that_by_rays(marched, which):
     assert (gradient.rays[which] * change).sum() == pytest.approx(difference, rel=ONE_PERCENT)
 
 
+def test_the_light_of_gradients_is_that_of_a_call(marched):
+    """Both are within the tolerance of a medium for derivatives, so that they differ by twice as much at most."""
+    rays, _, gradient, _ = marched
+    for own, called in zip(gradient.light, rays(*RAYS), strict=True):
+        assert np.mean((own - called) ** 2) < (2.0 * LARGEST_TOLERANCE) ** 2 * np.mean(called**2)
+
+
 def test_forward_and_reverse_mode_agree(marched):
-    """⟨w, J dp⟩ = ⟨Jᵀ w, dp⟩ of densities and axes: 1 %, as their steps are not the same; light itself to 1e-3."""
+    """⟨w, J dp⟩ = ⟨Jᵀ w, dp⟩ of densities and axes: 1 %, as their samples are not the same."""
     rays, loss, gradient, _ = marched
-    assert abs(loss(gradient.light) - loss(rays(*RAYS))) < 1e-3 * loss(gradient.light)
     random, before = np.random.default_rng(6), (rays.density, rays.axis)
     change = [random.uniform(0.2, 1.0, (*SHAPE, *rest)) for rest in ((), (3,))]
     values = np.array(rays.voxels)
