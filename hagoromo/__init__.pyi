@@ -124,7 +124,8 @@ from .image.simulate import simulate as simulate, visible_shape as visible_shape
 from .image.render import render as render
 from .image.film.film import Filmed as Filmed, Turn as Turn, film as film
 from .image.full_gradient import ColourGradient as ColourGradient, full_gradient as full_gradient
-from .image.ray_march import RayLight as RayLight, RayMarch as RayMarch, march as march
+from .image.ray_gradient import RayGradient as RayGradient, RayLight as RayLight
+from .image.ray_march import RayMarch as RayMarch, march as march
 from .image.preview import Preview as Preview, preview as preview
 from .image.spectra.spectra import Marks as Marks, RegionSpectra as RegionSpectra, spectra as spectra
 from .image.spectra.spectra_files import spectra_table as spectra_table

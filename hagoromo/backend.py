@@ -125,10 +125,21 @@ def lookup(kind: Any, values: Any) -> Any:
     import numpy as np
 
     flat = np.asarray(values).ravel()
-    flat = np.repeat(flat, 2) if flat.size == 1 else flat
+    return entries(kind, np.repeat(flat, 2) if flat.size == 1 else flat)
+
+
+def entries(kind: Any, values: Any) -> Any:
+    """As `lookup`, of as many entries as there are values: for numbers of rays, not for tables."""
+    import drjit as dr
+    import numpy as np
+
+    flat = np.asarray(values).ravel()
     memory = aligned(flat.size, flat.dtype)
     memory[:] = flat
-    return kind(memory)
+    found = kind(memory)
+    if flat.size == 1:
+        dr.make_opaque(found)
+    return found
 
 
 def aligned(count: int, kind: Any) -> Any:

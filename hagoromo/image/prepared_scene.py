@@ -131,32 +131,40 @@ class PreparedScene:
         origin: counted from that of the scene, `self.origin`. width: of the rays there [m]. length: of the rays [m],
         default infinite.
         """
-        jit, far = arrays(), arrays().Float(dr.inf)
-        behind: list[Any] = [jit.Float(0)] * self.lighting.channels
-        if self.surfaces:
-            hit = self.surfaces.hit(origin, direction)
-            if self.lighting.surface_light:
-                dr.eval(hit)  # else its rays would be traced once more after those of the patches
-            far = hit.distance if length is None else dr.select(hit.distance < length, hit.distance, dr.inf)
-            materials, textures = self.lighting.materials, self.surface_colours
-            element = surface_element(materials, self.first_on_surface, hit, textures, self.thickness)
-            coefficients = materials.coefficients(element.material)
-            if textures is not None:
-                coefficients = textures.with_textures(coefficients, hit)
-            light, _ = self.lighting.reflected_radiance(hit.point, -direction, [element], [coefficients])
-            channels = self.lighting.in_groups(light)
-            if self.lighting.surface_light:
-                there = dr.isfinite(far)
-                channels += self.lighting.surface_light.radiance(hit.point, element, coefficients, -direction, there)
-            behind = [dr.select(dr.isfinite(far), channel, 0.0) for channel in channels]
+        behind, far = self.behind(origin, direction, length)
         if self.medium is None:
-            return behind, dr.select(dr.isfinite(far), 1.0, jit.Float(0))
+            return behind, dr.select(dr.isfinite(far), 1.0, arrays().Float(0))
         smooth = self.lighting.field is not None  # which is that of texels at their finest level
-        cone = (0.0, 0.0) if smooth else (jit.Float(width), self.spread)
+        cone = (0.0, 0.0) if smooth else (arrays().Float(width), self.spread)
         end = far if length is None else dr.minimum(far, length)
-        channels, passed = march(self.medium, self.lighting, origin, direction, jit.Float(0), end, phase, cone=cone)
+        near = arrays().Float(0)
+        channels, passed = march(self.medium, self.lighting, origin, direction, near, end, phase, cone=cone)
         channels = [dr.fma(passed, back, front) for front, back in zip(channels, behind, strict=True)]
         return channels, 1.0 - dr.select(dr.isfinite(far), 0.0, passed)
+
+    def behind(self, origin: Array3f, direction: Array3f, length: Float | None = None) -> tuple[list[Float], Float]:
+        """What rays see of surfaces, without matter in front of them, and the distance to these [m], infinite without.
+
+        See `radiance`.
+        """
+        jit, far = arrays(), arrays().Float(dr.inf)
+        if not self.surfaces:
+            return [jit.Float(0)] * self.lighting.channels, far
+        hit = self.surfaces.hit(origin, direction)
+        if self.lighting.surface_light:
+            dr.eval(hit)  # else its rays would be traced once more after those of the patches
+        far = hit.distance if length is None else dr.select(hit.distance < length, hit.distance, dr.inf)
+        materials, textures = self.lighting.materials, self.surface_colours
+        element = surface_element(materials, self.first_on_surface, hit, textures, self.thickness)
+        coefficients = materials.coefficients(element.material)
+        if textures is not None:
+            coefficients = textures.with_textures(coefficients, hit)
+        light, _ = self.lighting.reflected_radiance(hit.point, -direction, [element], [coefficients])
+        channels = self.lighting.in_groups(light)
+        if self.lighting.surface_light:
+            there = dr.isfinite(far)
+            channels += self.lighting.surface_light.radiance(hit.point, element, coefficients, -direction, there)
+        return [dr.select(dr.isfinite(far), channel, 0.0) for channel in channels], far
 
 
 def shadow_casters(scene: Scene, settings: Settings) -> tuple[tuple, tuple]:

@@ -14,6 +14,7 @@ Enters: boxes. Leaves: the medium that `march` takes, with voxels in single prec
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
@@ -38,6 +39,8 @@ class DifferentiableMedium(Medium):
     """The boxes of a scene on the device. `InputError` for boxes of texels, which need packed voxels."""
 
     differentiable = True
+    branches = False  # whether code branches: where nothing is differentiated across a branch, see `searching`
+    marched_back: AttenuationOfAll | None = None  # shadows of `adjoint`, in place of those in forward mode
 
     def __init__(self, boxes: Sequence[VolumeBox], tolerance: float = DEFAULT_TOLERANCE) -> None:
         super().__init__(boxes, min(tolerance, LARGEST_TOLERANCE))
@@ -55,11 +58,19 @@ class DifferentiableMedium(Medium):
     ) -> Crossing:
         """See `Medium.cross`."""
         crossing = super().cross(origin, direction, near, far, phase, cone)
-        crossing.branches = False
+        crossing.branches = self.branches
         return crossing
 
+    def searching(self) -> DifferentiableMedium:
+        """The same medium with branches, for what is not differentiated: steps are found sooner."""
+        medium = copy.copy(self)
+        medium.branches = True
+        return medium
+
     def branch(self, arguments: tuple, condition: Bool, yes: Callable, no: Callable) -> Any:
-        """Both ways, of which `condition` chooses one."""
+        """Both ways, of which `condition` chooses one; or a branch, see `searching`."""
+        if self.branches:
+            return super().branch(arguments, condition, yes, no)
         return selected(condition, yes(*arguments), no(*arguments))
 
     def without_matter(self, depth: Float) -> Bool:
@@ -90,6 +101,8 @@ def differentiable_attenuation(medium: Medium) -> AttenuationOfAll:
     """`AttenuationOfAll` by marching from every point to the lamps, with derivatives by voxels and by the rays."""
 
     def transmittances(rays: list[ShadowRay]) -> list[Float]:
+        if isinstance(medium, DifferentiableMedium) and medium.marched_back is not None:
+            return medium.marched_back(rays)
         return [dr.exp(-depth) for depth in optical_depths(medium, rays)]
 
     return transmittances

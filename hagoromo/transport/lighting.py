@@ -44,6 +44,18 @@ class LampRow(NamedTuple):
         return self.shares or [(self.group, 1.0)]
 
 
+class Arrived(NamedTuple):
+    """Light of a lamp at a point without shadows: unit direction to it, its distance [m] and irradiance; the weights of
+    f of each element there; and whether any of them sends light to the eye.
+    """
+
+    to_lamp: Array3f
+    distance: Float
+    irradiance: Float
+    weights: list[list[Float]]
+    lit: Bool
+
+
 class HigherOrders(Protocol):
     """Light that was scattered before it arrives at a sample, see `hagoromo.transport.field`."""
 
@@ -151,26 +163,10 @@ class Lighting:
         """
         palette = self.materials.palette
         light: list[Any] = []
-        eye = texel_hit.frame.inwards(to_eye) if texel_hit else None
         passed: list[Any] = []
-        ahead = self._transmittances(point, elements[0]) if self.all_at_once and self.attenuation else []
-        for number, lamp in enumerate(self.lamps):
-            to_lamp, distance, irradiance = self.arriving(number, point)
-            ways = (eye, texel_hit.frame.inwards(to_lamp)) if texel_hit else ()
-            weights, lit = [], arrays().Bool(False)
-            for element in elements:
-                each = self.materials.weights(element.material, element.axis, to_lamp, to_eye, element.gamma)
-                lit |= sum(each[1:], each[0]) > 0.0
-                if element.scales and texel_hit:
-                    factors = element.scales.at(*ways)  # fewer than weights where no element of a texel transmits
-                    scaled = [
-                        dr.select(texel_hit.textured, part * factor, part)
-                        for part, factor in zip(each, factors, strict=False)
-                    ]
-                    each = [*scaled, *each[len(scaled) :]]
-                weights.append([part * element.share for part in each])
-            if lamp.light.beam is not None:
-                lit &= irradiance > 0.0
+        arrived = [self._arrived(lamp, point, to_eye, elements, texel_hit) for lamp in range(len(self.lamps))]
+        ahead = self._transmittances(point, elements[0], arrived) if self.all_at_once and self.attenuation else []
+        for number, (to_lamp, distance, irradiance, weights, lit) in enumerate(arrived):
             passed.append(arrays().Float(1))
             if self.attenuation is not None:
                 transmittance = (
@@ -185,6 +181,27 @@ class Lighting:
                     total = dr.fma(each[palette.parts[j]], share[j], total)
                 light.append(irradiance * total)
         return light, passed
+
+    def _arrived(
+        self, lamp: int, point: Array3f, to_eye: Array3f, elements: list[Element], texel_hit: TexelHit | None
+    ) -> Arrived:
+        """The light of a lamp at a point, and the weights of what each element sends of it to the eye."""
+        to_lamp, distance, irradiance = self.arriving(lamp, point)
+        weights, lit = [], arrays().Bool(False)
+        for element in elements:
+            each = self.materials.weights(element.material, element.axis, to_lamp, to_eye, element.gamma)
+            lit |= sum(each[1:], each[0]) > 0.0
+            if element.scales and texel_hit:
+                factors = element.scales.at(*(texel_hit.frame.inwards(way) for way in (to_eye, to_lamp)))
+                scaled = [  # fewer than weights where no element of a texel transmits
+                    dr.select(texel_hit.textured, part * factor, part)
+                    for part, factor in zip(each, factors, strict=False)
+                ]
+                each = [*scaled, *each[len(scaled) :]]
+            weights.append([part * element.share for part in each])
+        if self.lamps[lamp].light.beam is not None:
+            lit &= irradiance > 0.0
+        return Arrived(to_lamp, distance, irradiance, weights, lit)
 
     def in_groups(self, light: list[Float]) -> list[Float]:
         """Radiances of every lamp and colour as those of every group of lamps and colour: the channels of a picture."""
@@ -221,12 +238,11 @@ class Lighting:
         second = self._looked_up(lamp, biased, origin, to_lamp, rest, arrays().Float(0), texel_hit)
         return dr.select(biased, dr.fmin(first, second), first)
 
-    def _transmittances(self, point: Array3f, element: Element) -> list[Float]:
-        """`transmittance` from every lamp, all at once."""
+    def _transmittances(self, point: Array3f, element: Element, arrived: list[Arrived]) -> list[Float]:
+        """`transmittance` from every lamp, all at once; 1 where it lights nothing."""
         rays: list[ShadowRay] = []
-        for number in range(len(self.lamps)):
-            to_lamp, distance, _ = self.arriving(number, point)
-            distance = arrays().Float(distance)
+        for to_lamp, distance, _, _, lit in arrived:
+            distance = dr.select(lit, arrays().Float(distance), 0.0)
             rays.append((element.shadow_origin(point, to_lamp), to_lamp, distance))
             if element.shadow_bias is not None:
                 origin, rest = element.far_shadow_origin(point, to_lamp, distance)

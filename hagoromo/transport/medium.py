@@ -105,13 +105,15 @@ class Medium:
 
     def next(self, crossing: Crossing, state: MarchState) -> MarchInterval:
         """The next interval of the slot whose open interval ends first; its extinction is not looked up yet."""
-        jit = arrays()
-        slot, begin, ray = crossing.nearest(state)
+        return self.interval(crossing, *crossing.nearest(state))
+
+    def interval(self, crossing: Crossing, slot: UInt, begin: Float, ray: Ray) -> MarchInterval:
+        """The interval of a ray behind `begin`, from its entry [m], without its extinction."""
         place = ray.at(begin + crossing.probe(ray, begin))
         inside = ray.inside(place)
         brick = self.brick_at(ray, inside)
         end = crossing.interval_end(ray, begin, place, brick)
-        return MarchInterval(slot, ray, begin, end, inside, brick, jit.Float(0), jit.Float(0))
+        return MarchInterval(slot, ray, begin, end, inside, brick, arrays().Float(0), arrays().Float(0))
 
     def at(self, box: UInt, place: Array3f, brick: Int) -> MarchInterval:
         """A place in a stored brick of a box, as a step without length; in a texel at its finest level."""
