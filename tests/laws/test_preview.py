@@ -4,7 +4,6 @@ import gc
 import math
 from dataclasses import replace
 
-import drjit as dr
 import numpy as np
 import pytest
 
@@ -23,6 +22,7 @@ from hagoromo.reflectance.element import sphere_table
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.transport.film import Film, tile_order
 from hagoromo.volume.box import VolumeBox
+from tests.compilations import compilations
 
 SETTINGS = Settings(samples=3, seed=2)
 GREY = Spectrum.constant(1.0)
@@ -89,17 +89,6 @@ CHANGES = {
         boxes=(s.boxes[0].with_materials([FELT, replace(GRAIN, alpha=0.2, beta=0.1, gamma=0.31, n=1.6)]),),
     ),
 }
-
-
-def compilations(work) -> int:
-    """Kernels that `work` compiles, or reads from the disk's cache of compiled ones."""
-    dr.kernel_history_clear()
-    with dr.scoped_set_flag(dr.JitFlag.KernelHistory):
-        work()
-        history = dr.kernel_history()
-    jit = [kernel for kernel in history if "cache_hit" in kernel]
-    assert jit
-    return sum(not kernel["cache_hit"] or kernel["cache_disk"] for kernel in jit)
 
 
 def test_a_new_scene_compiles_and_the_count_sees_it():
