@@ -1,10 +1,12 @@
-"""Settings of every test: no window is opened, nothing comes from a cache, NumPy's linear algebra keeps to one thread.
+"""Settings of every test: no window is opened, nothing comes from a cache, and threads do not wait for each other.
 
-Its threads wait by spinning: several test processes that share the cores would spend most of their time on that.
+Those of NumPy's linear algebra and of Dr.Jit wait by spinning: several test processes that share the cores would spend
+much of their time on that. So linear algebra keeps to one thread, and kernels do where pytest runs in many processes.
 """
 
 import os
 
+import drjit as dr
 import pytest
 
 from tests.data import NEEDS_DATA
@@ -12,6 +14,8 @@ from tests.data import NEEDS_DATA
 os.environ["MPLBACKEND"] = "Agg"
 os.environ["HAGOROMO_CACHE"] = "off"
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # read when NumPy and SciPy are first imported
+if "PYTEST_XDIST_WORKER" in os.environ:
+    dr.set_thread_count(1)
 
 
 @pytest.fixture
