@@ -9,7 +9,7 @@ A package adds a kind by the name of the kind, and where its `Kind` is; those of
 from __future__ import annotations
 
 from functools import cache
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
 
 from hagoromo.errors import InputError
 from hagoromo.matter.recipe import Kind
@@ -18,9 +18,14 @@ GROUP = "hagoromo.matter"
 
 
 @cache
+def _points() -> dict[str, EntryPoint]:
+    """The kinds by name; the metadata of all packages is read for it once."""
+    return {point.name: point for point in reversed(tuple(entry_points(group=GROUP)))}  # of one name the first is taken
+
+
 def kind_names() -> tuple[str, ...]:
     """The names of all kinds, in the order of the alphabet; no package that has them is imported."""
-    return tuple(sorted(entry_points(group=GROUP).names))
+    return tuple(sorted(_points()))
 
 
 def kind_of(name: str) -> Kind:
@@ -28,7 +33,7 @@ def kind_of(name: str) -> Kind:
 
     `InputError` when the package that names it cannot be imported, or holds no `Kind` there.
     """
-    (point, *_) = entry_points(group=GROUP, name=name)
+    point = _points()[name]
     try:
         kind = point.load()
     except (ImportError, AttributeError) as error:
