@@ -107,17 +107,24 @@ def coarse_view(settings: Settings = SETTINGS) -> Preview:
     return view
 
 
-@pytest.mark.parametrize("change", CHANGES)
-def test_a_change_compiles_nothing(scene, change):
-    """After one look at a scene, neither the preview nor the picture of the changed scene compiles a kernel."""
-    gc.collect()  # a kernel with surfaces depends on how many of them are alive
+@pytest.fixture(scope="module")
+def look(scene):
+    """Looks at a scene by a preview that has looked at `scene`, and by a picture."""
     view = coarse_view()
 
-    def look(seen):
+    def look_at(seen):
         list(view.pictures(seen))
-        render(seen)
+        render(seen, SETTINGS)
 
-    look(scene)
+    gc.collect()  # a kernel with surfaces depends on how many of them are alive
+    look_at(scene)
+    return look_at
+
+
+@pytest.mark.parametrize("change", CHANGES)
+def test_a_change_compiles_nothing(scene, look, change):
+    """After one look at a scene, neither the preview nor the picture of the changed scene compiles a kernel."""
+    gc.collect()
     changed = CHANGES[change](scene)
     assert compilations(lambda: look(changed)) == 0
 
