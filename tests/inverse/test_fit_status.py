@@ -30,7 +30,7 @@ from studies.near_rig import simulate as near_capture
 from tests.inverse.simulated_ball import Truth, simulate
 from tests.inverse.simulated_mirror import mirror_photograph
 from tests.inverse.test_gloss_map import ALL, BETA, BODY, GAMMA, SIZE, N, all_of, ball, lamps
-from tests.inverse.test_near_lamps import BALLS, NEAR, RADIUS, rays
+from tests.inverse.test_near_lamps import NEAR, RADIUS, balls, rays
 from tests.inverse.test_self_calibration import LAMPS, photographs, shaped
 
 
@@ -115,7 +115,7 @@ def test_a_surface_under_near_lamps_that_still_moves_is_remarked(monkeypatch):
 
 
 def test_a_near_lamp_that_does_not_converge_is_an_error(monkeypatch):
-    pictures = [{"a": mirror_photograph([one], NEAR[0], k, 0.07, position=True)} for k, one in enumerate(BALLS)]
+    pictures = [{"a": mirror_photograph([one], NEAR[0], k, 0.07, position=True)} for k, one in enumerate(balls())]
     readings = rays(pictures)[0]
     assert locate_lamp(readings, RADIUS).position is not None
     monkeypatch.setattr(place, "ASTRAY", np.inf)  # the rays of an early step miss each other

@@ -158,6 +158,7 @@ def vectors(v):
     return arrays().Array3f(*(column(arrays().Float, v[:, k].astype(np.float32)) for k in range(3)))
 
 
+@pytest.mark.by_night("0.0")
 @pytest.mark.parametrize("clearness", [0.0, 0.5])
 def test_higher_orders_of_full_agree_with_random_walks(clearness):
     """2 % of all light: clear light ahead is sharper than the second order holds."""

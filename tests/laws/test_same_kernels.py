@@ -11,10 +11,9 @@ from tests.compilations import compilations
 GOLD = hg.Reflectance(0.1, 0.3, 0.2, 1.5, hg.Spectrum.constant(1.0))
 VIEW = hg.Camera(8, 6, (10.0, 10.0), (4.0, 3.0)).look_at((0.0, 0.0, 1.0), (0.0, 0.0, 0.0), up=(0.0, 1.0, 0.0))
 SCENE = hg.Scene(VIEW, (hg.Lamp(to_lamp=(0.0, 0.5, 1.0)),), surfaces=(hg.Surface.sphere((0.0, 0.0, 0.0), 0.1, GOLD),))
-MARCH = hg.RayMarch(SCENE)
 WAYS = np.random.default_rng(1).normal(size=(96, 3)) * 0.2 + (0.0, 0.0, 1.0)
 WORK = {
-    "rays": lambda: MARCH(WAYS, -WAYS),
+    "rays": lambda: hg.march(SCENE, WAYS, -WAYS),
     "directions": lambda: GOLD.evaluate((0.0, 0.0, 1.0), WAYS, WAYS[::-1]),
     "pixels": lambda: shading(WAYS, WAYS[None], WAYS, np.full((96, 5), -1.0)),
 }
