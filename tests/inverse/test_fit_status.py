@@ -29,9 +29,16 @@ from studies.near_rig import SURFACE_DISTANCE, Look, ring_rig, sphere
 from studies.near_rig import simulate as near_capture
 from tests.inverse.simulated_ball import Truth, simulate
 from tests.inverse.simulated_mirror import mirror_photograph
-from tests.inverse.test_gloss_map import ALL, BETA, BODY, GAMMA, SIZE, N, all_of, ball, lamps
+from tests.inverse.test_gloss_map import BETA, BODY, GAMMA, N, all_of, lamps
 from tests.inverse.test_near_lamps import NEAR, RADIUS, balls, rays
 from tests.inverse.test_self_calibration import LAMPS, photographs, shaped
+
+SIZE = 21  # px of balls: half of those whose gloss is mapped
+ALL = np.zeros((SIZE, SIZE), int)
+
+
+def ball(beta, gamma, seed):
+    return simulate([Truth(BODY, beta, gamma, N)], seed, SIZE, angles=lamps(24))
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +48,7 @@ def glossy():
 
 @pytest.fixture(scope="module")
 def worn():
-    return ball(BETA, GAMMA, 1)
+    return ball(BETA[::2, ::2], GAMMA[::2, ::2], 1)
 
 
 def test_a_material_s_fit_that_does_not_come_to_rest_is_an_error(glossy, monkeypatch):
