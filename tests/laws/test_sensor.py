@@ -97,6 +97,7 @@ def test_the_variance_of_a_flat_field_is_shot_read_and_rounding_and_one_electron
     electrons = (1000.0 - BAYER.black_level) * BAYER.gain
     one = (electrons + 1.0 + BAYER.read_noise**2 + BAYER.gain**2 / 12.0) / BAYER.exposure**2
     native = native_channels(BAYER, *raw.shape)
+    assert native is not None
     expected = np.where(native, 1.0, [MENON_VARIANCE[colour] for colour in "RGB"]) * one
     np.testing.assert_allclose(develop_raw(raw, BAYER, "menon2007").variance, expected, rtol=1e-6)
     np.testing.assert_allclose(develop_raw(raw[..., None], PLAIN).variance, one, rtol=1e-6)
