@@ -18,7 +18,8 @@ photographs = []
 for k in range(18):
     turn, height = 2.4 * k, 0.25 * np.cos(np.pi * (k + 0.5) / 18)
     eye = (0.4 * np.cos(turn), 0.4 * np.sin(turn), height)
-    lamp = hg.Lamp(position=(0.5 * np.cos(turn + 0.5), 0.5 * np.sin(turn + 0.5), 0.3), spectrum=hg.Spectrum.named("D65"))
+    beside = (0.5 * np.cos(turn + 0.5), 0.5 * np.sin(turn + 0.5), 0.3)
+    lamp = hg.Lamp(position=beside, spectrum=hg.Spectrum.named("D65"))
     scene = hg.Scene(camera.look_at(eye, (0.0, 0.0, 0.0)), (lamp,), surfaces=figure)
     (photograph,) = hg.simulate(scene, hg.Settings(seed=k)).photographs
     _, _, surface = hg.visible_shape(scene)

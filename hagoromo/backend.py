@@ -125,21 +125,25 @@ def lookup(kind: Any, values: Any) -> Any:
     import numpy as np
 
     flat = np.asarray(values).ravel()
-    return entries(kind, np.repeat(flat, 2) if flat.size == 1 else flat)
+    return column(kind, np.repeat(flat, 2) if flat.size == 1 else flat)
 
 
-def entries(kind: Any, values: Any) -> Any:
-    """As `lookup`, of as many entries as there are values: for numbers of rays, not for tables."""
+def column(kind: Any, values: Any) -> Any:
+    """A NumPy array as a flat Dr.Jit array of type `kind`, an entry for each lane; other values need no new kernel.
+
+    As in `lookup`, Dr.Jit does not share the memory of `values`, whose alignment differs from run to run: kernels would
+    be compiled anew by chance.
+    """
     import drjit as dr
     import numpy as np
 
     flat = np.asarray(values).ravel()
     memory = aligned(flat.size, flat.dtype)
     memory[:] = flat
-    found = kind(memory)
+    array = kind(memory)
     if flat.size == 1:
-        dr.make_opaque(found)
-    return found
+        dr.make_opaque(array)  # Dr.Jit takes it for a constant
+    return array
 
 
 def aligned(count: int, kind: Any) -> Any:

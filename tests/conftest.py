@@ -1,10 +1,13 @@
-"""Settings of every test: no window is opened, nothing comes from a cache, NumPy's linear algebra keeps to one thread.
+"""Settings of every test: no window is opened, nothing comes from a cache, and threads do not wait for each other.
 
-Its threads wait by spinning: several test processes that share the cores would spend most of their time on that.
+Those of NumPy's linear algebra and of Dr.Jit wait by spinning: several test processes that share the cores would spend
+much of their time on that. So linear algebra keeps to one thread, and the kernels of laws and of measurements do where
+pytest runs in many processes. Not those of all tests: Mitsuba waits for ever where it reads an EXR with one thread.
 """
 
 import os
 
+import drjit as dr
 import pytest
 
 from tests.data import NEEDS_DATA
@@ -12,6 +15,7 @@ from tests.data import NEEDS_DATA
 os.environ["MPLBACKEND"] = "Agg"
 os.environ["HAGOROMO_CACHE"] = "off"
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # read when NumPy and SciPy are first imported
+ONE_THREAD = ("gradients", "inverse", "laws")  # folders of tests in which Mitsuba reads no file
 
 
 @pytest.fixture
@@ -31,6 +35,16 @@ def nothing_stays_kept():
     from hagoromo.files import stores
 
     assert stores.kept.most == 0
+
+
+@pytest.fixture(autouse=True)
+def kernels_keep_to_one_thread(request):
+    """In processes beside others, for the tests of ONE_THREAD."""
+    before = dr.thread_count()
+    if "PYTEST_XDIST_WORKER" in os.environ and request.path.parent.name in ONE_THREAD:
+        dr.set_thread_count(1)
+    yield
+    dr.set_thread_count(before)
 
 
 @pytest.fixture

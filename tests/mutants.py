@@ -1,6 +1,6 @@
 """Mutants: a number of a law is changed, one at a time, and the nearest tests must notice.
 
-    python -m tests.mutants [--count 200] [--seed 0] [--only facets] [--out out/mutants.json]
+    python -m tests.mutants [--count 200] [--seed 0] [--only facets] [--quick] [--out out/mutants.json]
 
 Which tests are near a file is what docs/equations.md says. Numbers are drawn by the seed from the functions and module
 constants of these files. A number is changed by a fiftieth, a whole one by 1: a law that is off by so much is wrong.
@@ -90,12 +90,12 @@ def _no_law(node: ast.AST) -> list[ast.AST]:
     return []
 
 
-def survives(mutant: Mutant, tests: list[str], copy: Path) -> bool:
+def survives(mutant: Mutant, tests: list[str], copy: Path, chosen: str = "not slow") -> bool:
     """Whether the tests pass with the mutant, in a copy of the repository, which is as before afterwards."""
     path = copy / mutant.file
     source = path.read_text(encoding="utf-8")
     path.write_text(mutant.text(source), encoding="utf-8")
-    command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", "-m", "not slow", *tests]
+    command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", "-m", chosen, *tests]
     try:
         return subprocess.run(command, cwd=copy, capture_output=True, timeout=LIMIT_S).returncode == 0
     except subprocess.TimeoutExpired:
@@ -116,11 +116,13 @@ def main() -> int:
     parser.add_argument("--count", type=int, default=200)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--only", default="", help="files with this in their name alone")
+    parser.add_argument("--quick", action="store_true", help="by the tests of `make test` alone")
     parser.add_argument("--out", type=Path, default=Path("out/mutants.json"))
     given = parser.parse_args()
     near = {
         file: tests for file, tests in nearest_tests(PAGE.read_text(encoding="utf-8")).items() if given.only in file
     }
+    chosen = "not slow and not nightly" if given.quick else "not slow"
     mutants, survivors = drawn(near, given.count, given.seed), []
     with tempfile.TemporaryDirectory() as home:
         copy = Path(home) / "copy"
@@ -128,7 +130,7 @@ def main() -> int:
         for place in (place for pattern in COPIED for place in HOME.glob(pattern)):
             (shutil.copytree if place.is_dir() else shutil.copy)(place, copy / place.name)
         for number, one in enumerate(mutants, 1):
-            alive = survives(one, near[one.file], copy)
+            alive = survives(one, near[one.file], copy, chosen)
             survivors += [one] if alive else []
             print(f"{number}/{len(mutants)} {'SURVIVES' if alive else 'noticed '} {one.file}:{one.line} "
                   f"{one.was} → {one.becomes}", flush=True)  # fmt: skip

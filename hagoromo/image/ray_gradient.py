@@ -14,7 +14,7 @@ import drjit as dr
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hagoromo.backend import Array3f, Float, arrays, entries
+from hagoromo.backend import Array3f, Float, arrays, column
 from hagoromo.errors import InputError
 from hagoromo.image.prepared_scene import PreparedScene
 from hagoromo.transport.adjoint import Adjoint
@@ -188,7 +188,7 @@ def _by_light(by_light: ByLight, light: RayLight) -> tuple[list[Float], Float]:
         if numbers.shape != like.shape or not np.isfinite(numbers).all():
             raise InputError(f"by_light: {what} of shape {numbers.shape}: give finite numbers, {like.shape}")
         checked.append(numbers)
-    return [entries(arrays().Float, column) for column in checked[0].T], entries(arrays().Float, checked[1])
+    return [column(arrays().Float, each) for each in checked[0].T], column(arrays().Float, checked[1])
 
 
 def as_light(weights: Sequence[Any], transmittance: Any) -> RayLight:

@@ -10,7 +10,7 @@ import drjit as dr
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hagoromo.backend import arrays, entries
+from hagoromo.backend import arrays, column
 from hagoromo.errors import InputError
 from hagoromo.image.lit_by_points import lit_by_points
 from hagoromo.image.prepared_scene import PreparedScene
@@ -147,11 +147,11 @@ class RayMarch:
         if not chosen:
             raise InputError("nothing changes: give the change of voxels, of materials, or of both")
         for parameter, change, key in chosen:
-            values = np.ascontiguousarray(np.ravel(change), np.float32)
+            values = np.asarray(np.ravel(change), np.float32)
             if values.size != dr.width(parameter):
                 raise InputError(f"{key}: the change has {values.size} numbers, {dr.width(parameter)} are needed")
             dr.enable_grad(parameter)
-            dr.set_grad(parameter, arrays().Float(values))
+            dr.set_grad(parameter, column(arrays().Float, values))
         try:
             weights, transmittance = self.along(*_rays(origins, directions))
             dr.enqueue(dr.ADMode.Forward, *(parameter for parameter, _, _ in chosen))
@@ -248,6 +248,6 @@ def _rays(origins: ArrayLike, directions: ArrayLike) -> tuple[Any, Any]:
     jit = arrays()
 
     def vector(values: NDArray) -> Any:
-        return jit.Array3f64(*(entries(jit.Float64, values[:, k]) for k in range(3)))
+        return jit.Array3f64(*(column(jit.Float64, values[:, k]) for k in range(3)))
 
     return vector(origin), vector(direction / length)

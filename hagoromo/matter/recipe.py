@@ -13,7 +13,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping
 from functools import cache
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Annotated, Any, Generic, Literal, NamedTuple, TypeVar
 
@@ -96,9 +96,14 @@ class Kind(NamedTuple):
 
 
 @cache
+def _points() -> dict[str, EntryPoint]:
+    """The kinds by name; the metadata of all packages is read for it once."""
+    return {point.name: point for point in reversed(tuple(entry_points(group=GROUP)))}  # of one name the first is taken
+
+
 def kind_names() -> tuple[str, ...]:
     """The names of all kinds, in the order of the alphabet; no package that has them is imported."""
-    return tuple(sorted(entry_points(group=GROUP).names))
+    return tuple(sorted(_points()))
 
 
 def kind_of(name: str) -> Kind:
@@ -106,7 +111,7 @@ def kind_of(name: str) -> Kind:
 
     `InputError` when the package that names it cannot be imported, or holds no `Kind` there.
     """
-    (point, *_) = entry_points(group=GROUP, name=name)
+    point = _points()[name]
     try:
         kind = point.load()
     except (ImportError, AttributeError) as error:

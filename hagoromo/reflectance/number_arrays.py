@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hagoromo.backend import Array3f, Float, arrays
+from hagoromo.backend import Array3f, Float, arrays, column
 from hagoromo.errors import InputError
 
 
@@ -33,7 +33,7 @@ def broadcast_directions(
 
 def vectors_of(values: NDArray[np.float64]) -> list[Float]:
     """Columns (N, 3) on the device."""
-    return [arrays().Float64(np.ascontiguousarray(column)) for column in values.T]
+    return [column(arrays().Float64, each) for each in values.T]
 
 
 def numbers_of(values: Any) -> NDArray[np.float64]:

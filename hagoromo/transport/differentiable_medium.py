@@ -22,7 +22,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from hagoromo.backend import Array3f, Bool, Float, arrays
+from hagoromo.backend import Array3f, Bool, Float, arrays, column
 from hagoromo.errors import InputError
 from hagoromo.transport.crossing import Cone, Crossing, MarchInterval, MarchState, selected
 from hagoromo.transport.frames import DEFAULT_TOLERANCE
@@ -94,7 +94,7 @@ def plain_voxels(boxes: Sequence[VolumeBox]) -> PlainVoxels:
         place = slice(part.density.first, part.density.first + part.kept)
         values[place, :, 0] = held["density"].reshape(part.kept, VOXELS)
         values[place, :, 1:] = held["axis"].reshape(part.kept, VOXELS, 3)
-    return PlainVoxels(arrays().Float(values.ravel()))
+    return PlainVoxels(column(arrays().Float, values))
 
 
 def differentiable_attenuation(medium: Medium) -> AttenuationOfAll:

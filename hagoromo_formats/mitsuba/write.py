@@ -35,6 +35,7 @@ def write_mitsuba(scene: Scene, out: str | Path, force: bool = False) -> list[st
 
 def load_into_mitsuba(scene: Scene) -> Any:
     """The scene as `mitsuba.Scene`, in the variant that Mitsuba has: as `write_mitsuba` writes it."""
+    import drjit as dr
     import mitsuba as mi
 
     from hagoromo_formats.mitsuba.plugin import register
@@ -42,7 +43,12 @@ def load_into_mitsuba(scene: Scene) -> Any:
     register()
     with scratch_folder() as folder:
         _fill(scene, folder)
-        return mi.load_file(str(folder / "scene.xml"))
+        threads = dr.thread_count()
+        dr.set_thread_count(max(threads, 2))  # Mitsuba waits for ever where it reads an EXR with one, as on one core
+        try:
+            return mi.load_file(str(folder / "scene.xml"))
+        finally:
+            dr.set_thread_count(threads)
 
 
 def _fill(scene: Scene, folder: Path) -> list[str]:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.backend import arrays
+from hagoromo.backend import arrays, column
 from hagoromo.errors import InputError
 from hagoromo.files.memory import require
 from hagoromo_matter.drape.sheet import Sheet
@@ -48,13 +48,13 @@ def sheet_chart(
             dense.place(part, reach_mm, edge_mm) for part in np.array_split(asked, len(asked) // POINTS_AT_ONCE + 1)
         ]
         values = np.ascontiguousarray(np.concatenate(parts).T, np.float32)
-        height, u, v, presence, *frame = (arrays().Float(row) for row in values)
+        height, u, v, presence, *frame = (column(arrays().Float, row) for row in values)
         normal, along = arrays().Array3f(*frame[:3]), arrays().Array3f(*frame[3:])
         return Chart(height, normal, u, v, along, presence)
 
     def bound(point: Any) -> Any:
         return (
-            arrays().Float(dense.distance(np.array(point, np.float64).T, reach_mm + FAR_MM).astype(np.float32))
+            column(arrays().Float, dense.distance(np.array(point, np.float64).T, reach_mm + FAR_MM).astype(np.float32))
             - reach_mm
         )
 

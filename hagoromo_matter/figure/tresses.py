@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.backend import arrays
+from hagoromo.backend import arrays, column
 from hagoromo.errors import InputError
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.matter.fill import Fineness
@@ -107,6 +107,6 @@ def _front(x: NDArray, z: NDArray) -> NDArray:
     jit = arrays()
     y = np.full(x.shape, -22.0)
     for _ in range(60):
-        flat = (np.ascontiguousarray(part.ravel(), np.float32) for part in (x, y, z))
+        flat = (column(jit.Float, np.asarray(part, np.float32)) for part in (x, y, z))
         y += 0.7 * np.array(head(jit.Array3f(*flat)), np.float64).reshape(x.shape)
     return y

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from hagoromo.backend import arrays
+from hagoromo.backend import arrays, column
 from hagoromo.errors import InputError
 from hagoromo.files.memory import require
 from hagoromo.files.record import Fraction, NotNegative, Positive, about, from_to
@@ -174,7 +174,7 @@ def _held_off(shape: Shape, place: NDArray, clear: Any) -> NDArray[np.float64]:
 def _skin(shape: Shape, place: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Distance from the skin and its normal at points (n, 3)."""
     jit = arrays()
-    point = jit.Array3f(*(jit.Float(np.ascontiguousarray(column, np.float32)) for column in place.T))
+    point = jit.Array3f(*(column(jit.Float, np.asarray(each, np.float32)) for each in place.T))
     away, normal = distance_and_normal(shape, point)
     return np.array(away, np.float64), np.array(normal, np.float64).T
 

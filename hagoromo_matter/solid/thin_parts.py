@@ -8,7 +8,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.backend import arrays
+from hagoromo.backend import arrays, column
 from hagoromo_matter.solid.mesh_rays import MeshRays
 
 Thin = Literal["thicken", "warn"]
@@ -66,6 +66,7 @@ def warn_of_thin(name: str, voxel_mm: float, parts: ThinParts, thin: Thin) -> No
 
 def _thickness_at(mesh: Any, rays: MeshRays, place: NDArray, face: NDArray, longest: float) -> NDArray[np.float64]:
     points, inwards = (
-        arrays().Array3f(*np.ascontiguousarray(values.T, np.float32)) for values in (place, -mesh.face_normals[face])
+        arrays().Array3f(*(column(arrays().Float, part) for part in np.asarray(values.T, np.float32)))
+        for values in (place, -mesh.face_normals[face])
     )
     return np.array(thickness(rays, points, inwards, longest), float)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.backend import arrays
+from hagoromo.backend import arrays, column
 from hagoromo.light.colour import srgb_curve
 from hagoromo.reflectance.element import element_weights
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
@@ -56,14 +56,14 @@ def _weights(maps: SurfaceMaps, material: MaterialEstimate, vectors: tuple[Any, 
 
     vectors: normals, directions to the lamp and to the eye. Pixels have their own gloss where it is known.
     """
-    known, real = maps.known, arrays().Float
+    known = maps.known
     beta = material.beta if maps.beta is None else maps.beta[known]
     gamma = material.gamma if maps.gamma is None else maps.gamma[known]
     nu: Any = material.nu
     if maps.tail is not None:
         tail = maps.tail[known]
-        nu = real(np.where(tail > 0.0, 1.0 / np.maximum(tail, 1e-6), np.inf))
-    first, *further = [(real(b), real(np.maximum(g, NARROWEST))) for b, g in material.all_lobes(beta, gamma)]
+        nu = _real(np.where(tail > 0.0, 1.0 / np.maximum(tail, 1e-6), np.inf))
+    first, *further = [(_real(b), _real(np.maximum(g, NARROWEST))) for b, g in material.all_lobes(beta, gamma)]
     whole = element_weights("plane", *vectors, 1.0, *first, material.n, nu, material.body_law)
     interface = whole.interface
     for one in further:
@@ -91,8 +91,13 @@ def rays_to_eye(maps: SurfaceMaps) -> Array:
     return np.stack([*np.broadcast_arrays(-x[None], y[:, None]), np.ones((height, width))], axis=2)
 
 
+def _real(values: Any) -> Any:
+    """Numbers, or one of all pixels, on the device."""
+    return column(arrays().Float, np.asarray(values, np.float32))
+
+
 def _vector(values: Array) -> Any:
-    return arrays().Array3f(*(np.ascontiguousarray(column, np.float32) for column in values.T))
+    return arrays().Array3f(*(_real(each) for each in values.T))
 
 
 def three_channels(values: Array) -> Array:

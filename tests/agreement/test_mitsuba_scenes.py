@@ -7,6 +7,7 @@ brighter.
 
 from typing import Any
 
+import drjit as dr
 import numpy as np
 import pytest
 
@@ -79,6 +80,28 @@ def test_our_reflectance_sends_light_on_in_mitsuba_as_here():
 SHEET = np.array([[-0.8, -0.8, 0.0], [0.8, -0.8, 0.0], [0.8, 0.8, 0.2], [-0.8, 0.8, 0.2]])
 TWO = np.array([[0, 1, 2], [0, 2, 3]])
 TWO_LAMPS = hg.Lamp(position=(0.5, -2, 1.2), intensity=5.0), hg.Lamp(to_lamp=(-1, -1, 0.6), intensity=0.5)
+
+
+def test_a_scene_with_images_is_loaded_where_kernels_have_one_thread(monkeypatch):
+    """As on one core: there Mitsuba waited for ever for the threads that read its EXR."""
+    import mitsuba as mi
+
+    mi.set_variant(f"{backend.name()}_ad_mono")
+    loaded, before = mi.load_file, dr.thread_count()
+
+    def load_file(path):
+        assert dr.thread_count() > 1
+        return loaded(path)
+
+    monkeypatch.setattr(mi, "load_file", load_file)
+    body = hg.SurfaceTexture(np.full((4, 4), 0.5))
+    scene = hg.Scene(FRAME, TWO_LAMPS, surfaces=(hg.Surface(SILK, "sphere", body_texture=body),))
+    dr.set_thread_count(1)
+    try:
+        assert len(hm.load_into_mitsuba(scene).shapes()) == 1 and dr.thread_count() == 1
+    finally:
+        dr.set_thread_count(before)
+        backend.mitsuba()
 
 
 def test_textures_lie_in_mitsuba_as_here_and_come_back(tmp_path):

@@ -107,6 +107,7 @@ def test_an_interrupt_that_foreign_code_swallows_is_told_again():
         raise SystemError
 
 
+@pytest.mark.by_night("1")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_an_interrupt_of_a_long_verb_leaves_nothing_behind(tmp_path, scene, number):
     """Ctrl-C (or a polite kill) as soon as the work folder appears, in a process of its own."""

@@ -336,7 +336,7 @@ def test_kernels_know_it(name):
 def directions():
     random = np.random.default_rng(5)
     vectors = random.normal(size=(3, 3, 11)) * 0.4 + np.array([0.0, 0.0, 1.0])[:, None]
-    return [arrays().Array3f(*(one / np.linalg.norm(one, axis=0)).astype(np.float32)) for one in vectors]
+    return [arrays().Array3f((one / np.linalg.norm(one, axis=0)).astype(np.float32)) for one in vectors]
 
 
 def kernel_of(made):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from hagoromo.app.cli import main
+from hagoromo.errors import InputError
 from hagoromo.matter.build import build
 from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.store.box_store import load_box
@@ -107,7 +108,9 @@ def test_every_key_refuses_what_it_does_not_take(name, tmp_path, capsys):
     lines = (FOLDER / f"{name}.toml").read_text().splitlines()
     for recipe, number, bad in bad_lines():
         if recipe == name:
-            refused("\n".join([*lines[:number], bad, *lines[number + 1 :]]), tmp_path, capsys)
+            (tmp_path / "matter.toml").write_text("\n".join([*lines[:number], bad, *lines[number + 1 :]]))
+            with pytest.raises(InputError, match=r"\A.*matter\.toml.*\Z"):  # one line: . is no end of a line
+                build(tmp_path / "matter.toml")
     assert "known are" in refused("nonsense = 1\n" + "\n".join(lines), tmp_path, capsys)
 
 

@@ -44,6 +44,7 @@ def command(*arguments: object) -> list[str]:
     return [sys.executable, "-m", "hagoromo", *map(str, arguments)]
 
 
+@pytest.mark.by_night("cv2-1")
 @pytest.mark.parametrize(
     ("module", "number"),
     [("tyro", signal.SIGINT), ("numpy", signal.SIGTERM), ("cv2", signal.SIGHUP), ("filelock", signal.SIGINT)],

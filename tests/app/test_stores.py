@@ -132,7 +132,7 @@ def bar(s3, tmp_path_factory):
 @pytest.mark.parametrize(
     ("lamp", "shadows"),
     [
-        *((lamp, "map") for lamp in LAMPS),
+        *(pytest.param(lamp, "map", marks=[pytest.mark.nightly] * (k not in (0, 3))) for k, lamp in enumerate(LAMPS)),
         *(pytest.param(lamp, "march", marks=pytest.mark.nightly) for lamp in LAMPS),
         (list(LAMPS)[-1], "none"),
     ],

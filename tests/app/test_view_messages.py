@@ -81,7 +81,10 @@ def test_a_wrong_message_is_one_line_and_the_viewer_goes_on(what):
     assert "not heeded: " in str(line.value) and said in str(line.value)
 
 
-@pytest.mark.parametrize(("name", "count"), [("view-scene.session", 24), ("view-image.session", 12)])
+@pytest.mark.by_night("view-scene.session-24")
+@pytest.mark.parametrize(
+    ("name", "count"), [("view-scene.session", 8), ("view-image.session", 12), ("view-scene.session", 24)]
+)
 def test_spoilt_sessions_are_heeded_or_refused(tmp_path, name, count):
     """Of fixed seeds; `make fuzz` tries more."""
     reader = READERS[name]

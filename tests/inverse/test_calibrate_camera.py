@@ -67,6 +67,7 @@ def assert_within_its_errors(found, true: Camera) -> None:
         assert abs(found.record()[name] - expected[name]) < 4 * spread, name
 
 
+@pytest.mark.by_night("board1")
 @pytest.mark.parametrize("board", [BOARD, CHARUCO])
 def test_a_board_photographed_through_a_known_lens_gives_the_lens_back(board):
     photographs = photographs_of(TRUE, board)

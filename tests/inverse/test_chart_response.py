@@ -47,6 +47,7 @@ def photograph_of_chart(lamp: Spectrum = LAMP, turned: bool = False) -> np.ndarr
     return np.clip(view * 50000.0, 0.0, 65535.0).astype(np.uint16)
 
 
+@pytest.mark.by_night("False-True")
 @pytest.mark.parametrize("turned", [False, True])
 @pytest.mark.parametrize("given", [False, True])
 def test_patches_are_read_where_the_chart_lies(turned, given):

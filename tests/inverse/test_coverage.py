@@ -80,6 +80,7 @@ def test_an_interval_without_an_end_has_no_standard_error():
     assert found.interval_95["gamma"] == GAMMA_RANGE
 
 
+@pytest.mark.by_night("6-174")
 @pytest.mark.parametrize(
     ("case", "number"), [(4, 165), *(pytest.param(6, seed, marks=pytest.mark.nightly) for seed in (148, 161)), (6, 174)]
 )

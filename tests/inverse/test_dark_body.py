@@ -52,6 +52,9 @@ def test_a_black_body_is_measured(seed):
     assert min(found.body_colour) >= 0.0
 
 
+@pytest.mark.by_night(
+    "0.1-0.3-0.2-1", "0.1-0.3-0.2-2", "0.01-0.1-0.2-1", "0.01-0.1-0.2-2", "0.01-0.6-1.0-1", "0.01-0.6-1.0-2"
+)
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize(("body", "gamma", "side"), [(0.01, 0.1, 0.2), (0.01, 0.6, 1.0), (0.1, 0.3, 0.2)])
 def test_a_body_hidden_by_its_highlight_is_bounded(body, gamma, side, seed):

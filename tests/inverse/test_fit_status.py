@@ -30,9 +30,16 @@ from studies.near_rig import SURFACE_DISTANCE, Look, ring_rig, sphere
 from studies.near_rig import simulate as near_capture
 from tests.inverse.simulated_ball import Truth, simulate
 from tests.inverse.simulated_mirror import mirror_photograph
-from tests.inverse.test_gloss_map import ALL, BETA, BODY, GAMMA, SIZE, N, all_of, ball, lamps
-from tests.inverse.test_near_lamps import BALLS, NEAR, RADIUS, rays
+from tests.inverse.test_gloss_map import BETA, BODY, GAMMA, N, all_of, lamps
+from tests.inverse.test_near_lamps import NEAR, RADIUS, balls, rays
 from tests.inverse.test_self_calibration import LAMPS, photographs, shaped
+
+SIZE = 21  # px of balls: half of those whose gloss is mapped
+ALL = np.zeros((SIZE, SIZE), int)
+
+
+def ball(beta, gamma, seed):
+    return simulate([Truth(BODY, beta, gamma, N)], seed, SIZE, angles=lamps(24))
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +49,7 @@ def glossy():
 
 @pytest.fixture(scope="module")
 def worn():
-    return ball(BETA, GAMMA, 1)
+    return ball(BETA[::2, ::2], GAMMA[::2, ::2], 1)
 
 
 def test_a_material_s_fit_that_does_not_come_to_rest_is_an_error(glossy, monkeypatch):
@@ -116,7 +123,7 @@ def test_a_surface_under_near_lamps_that_still_moves_is_remarked(monkeypatch):
 
 
 def test_a_near_lamp_that_does_not_converge_is_an_error(monkeypatch):
-    pictures = [{"a": mirror_photograph([one], NEAR[0], k, 0.07, position=True)} for k, one in enumerate(BALLS)]
+    pictures = [{"a": mirror_photograph([one], NEAR[0], k, 0.07, position=True)} for k, one in enumerate(balls())]
     readings = rays(pictures)[0]
     assert locate_lamp(readings, RADIUS).position is not None
     monkeypatch.setattr(place, "ASTRAY", np.inf)  # the rays of an early step miss each other

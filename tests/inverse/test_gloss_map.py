@@ -123,6 +123,7 @@ def test_pixel_without_highlight_keeps_the_law_and_its_spread():
     assert (errors[near, 0] < 0.1).all() and np.abs(found.gloss[near, 0] - np.log(0.8 / 25)).mean() < 0.1
 
 
+@pytest.mark.by_night("24-6000.0", "12-1000.0")
 @pytest.mark.parametrize(("count", "full_well"), [(6, 45_000.0), (12, 1_000.0), (12, 45_000.0), (24, 6_000.0)])
 def test_even_gloss_gives_no_maps(count, full_well):
     """Of 20 surfaces none may: odds of exp(5) = 148 for a variation that is none are rarer than 1 in 148."""

@@ -47,7 +47,7 @@ def ggx(random, truth=None):
     return exposed(seen, clean, 45_000.0, random)
 
 
-@pytest.mark.by_night("simulated2", "simulated4")
+@pytest.mark.by_night("simulated1", "simulated2", "simulated3", "simulated4")
 @pytest.mark.parametrize(
     "case", [right(45_000.0), right(1_000.0), right(45_000.0, 0.25), right(45_000.0, 4.0), right(45_000.0, 1.0, 0.05)]
 )

@@ -78,6 +78,7 @@ def test_no_error_of_the_gloss_ends_a_measurement(spiky, error, tmp_path):
     assert read.interval_95["beta"] == material.interval_95["beta"]
 
 
+@pytest.mark.by_night("made_up0", "made_up2")
 @pytest.mark.parametrize("made_up", [(0.023, 40.0), (1e-6, 3.0), (1e3, 0.03)])
 def test_a_lobe_without_evidence_is_dropped(made_up):
     """Wide and weak as the body, too weak to be seen, or too narrow to meet a pixel. Both true lobes stay."""

@@ -59,9 +59,10 @@ def test_density_of_a_fit_is_that_of_the_package_and_its_slopes_are_differences(
     np.testing.assert_allclose(found.by_tail, forward, atol=1e-6)
 
 
-def test_gaussian_facets_and_a_neutral_interface_stay_so():
+@pytest.mark.parametrize("balls", [8, pytest.param(40, marks=pytest.mark.nightly)])
+def test_gaussian_facets_and_a_neutral_interface_stay_so(balls):
     """Decided beforehand: each extension appears in 1 of 100, so of 40 balls in no more than chance allows at 0.1 %."""
-    found = [choose_fit(photographed(seed, math.inf, NEUTRAL)).model for seed in range(40)]
+    found = [choose_fit(photographed(seed, math.inf, NEUTRAL)).model for seed in range(balls)]
     for extension in ("tails", "coloured"):
         p_values = [0.0 if getattr(model, extension) else 1.0 for model in found]
         assert alarms_are_rare(p_values, 0.01), extension
@@ -80,6 +81,7 @@ def test_the_noise_of_a_few_values_is_no_evidence():
         assert alarms_are_rare(p_values, 0.01), extension
 
 
+@pytest.mark.by_night("1.0-colour0", "3.0-colour2")
 @pytest.mark.parametrize(("nu", "colour"), [(1.0, NEUTRAL), (2.0, GOLD), (3.0, NEUTRAL), (math.inf, GOLD)])
 def test_tails_and_colours_are_found_and_measured(nu, colour):
     """Every parameter lies within four of its standard errors: eight numbers, chance 5e-4."""

@@ -1,5 +1,7 @@
 """Near lamps from mirror balls: places are found within their own stated errors; far ones are told to be far."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -14,16 +16,21 @@ CAMERA = Camera(409, 283, (560.0, 552.0), (201.0, 144.0), (-0.05, 0.01, 0.0, 0.0
 RADIUS = 0.07  # m: about 35 px
 PLACES = [np.array([-0.25, 0.02, 0.05]), np.array([0.26, -0.03, -0.04])]
 LAMP = 0.07  # m: radius of a lamp
-BALLS = [seen_through(CAMERA, place, RADIUS) for place in PLACES]
 NEAR = [np.array([0.3, -0.8, 0.7]), np.array([-0.7, -0.9, 0.2])]  # m
 FAR = unit([0.2, -1.0, 0.6])
+
+
+@cache
+def balls():
+    """Both, as the camera sees them."""
+    return [seen_through(CAMERA, place, RADIUS) for place in PLACES]
 
 
 def rays(photographs_of_balls):
     """Per lamp, the readings of all balls; photographs of each ball: name → numbers."""
     found = [
         lamps_from_ball(photographs, mask_of(ball), CAMERA)[1]
-        for photographs, ball in zip(photographs_of_balls, BALLS, strict=True)
+        for photographs, ball in zip(photographs_of_balls, balls(), strict=True)
     ]
     return list(zip(*found, strict=True))
 
@@ -31,8 +38,8 @@ def rays(photographs_of_balls):
 @pytest.fixture(scope="module")
 def seen():
     """Per lamp, near ones and a far one, the readings of both balls in one view."""
-    pictures = {str(k): mirror_photograph(BALLS, lamp, k, LAMP, position=True) for k, lamp in enumerate(NEAR)}
-    pictures["far"] = mirror_photograph(BALLS, FAR, 9, 0.04)
+    pictures = {str(k): mirror_photograph(balls(), lamp, k, LAMP, position=True) for k, lamp in enumerate(NEAR)}
+    pictures["far"] = mirror_photograph(balls(), FAR, 9, 0.04)
     return rays([pictures, pictures])
 
 
@@ -56,7 +63,7 @@ def test_near_lamps_are_placed_from_two_balls_in_one_view_within_their_errors(se
 
 def test_a_near_lamp_is_placed_from_a_ball_that_was_moved():
     """As above, from two photographs with one ball each."""
-    pictures = [{"a": mirror_photograph([ball], NEAR[0], k, LAMP, position=True)} for k, ball in enumerate(BALLS)]
+    pictures = [{"a": mirror_photograph([ball], NEAR[0], k, LAMP, position=True)} for k, ball in enumerate(balls())]
     lamp = locate_lamp(rays(pictures)[0], RADIUS)
     assert lamp.position is not None and np.linalg.norm(lamp.position - NEAR[0]) < 0.02
 

@@ -52,7 +52,7 @@ def solved(amount, seed, nu=np.inf, tails=None, count=COUNT):
     return capture, views, fit
 
 
-@pytest.fixture(scope="module", params=[np.inf, 1.5])
+@pytest.fixture(scope="module", params=[np.inf, pytest.param(1.5, marks=pytest.mark.nightly)])
 def mapped(request):
     capture, views, fit = solved(1.0, 1, request.param)
     return capture, views, with_solved_gloss(views, fit)
@@ -65,7 +65,6 @@ def off_of(views, fit):
     return fit.own.value[:, :2] - true, error[:, :2], true
 
 
-@pytest.mark.by_night("1.5")
 def test_gloss_that_varies_is_mapped_within_its_errors(mapped):
     """Rms over all pixels, also those whose highlight no lamp shows, 15 % below that of the material's single value at
     least; where the stated error is half of it, as small as stated; 90–99.5 % of the pixels within 1.96 errors.

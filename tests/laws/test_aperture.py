@@ -86,3 +86,8 @@ def test_a_scene_file_states_aperture_and_focus(tmp_path):
     for aperture, focus in ((math.nan, 1.0), (-1.0, 1.0), (0.1, 0.0)):
         with pytest.raises(InputError, match=r"aperture|focus"):
             hg.Camera(8, 8, (9.0, 9.0), (4.0, 4.0), aperture=aperture, focus=focus)
+
+
+def test_a_camera_is_a_pinhole_unless_it_is_told():
+    view = hg.Camera(SIZE, SIZE, (FOCAL, FOCAL), (SIZE / 2, SIZE / 2))
+    assert view.aperture == 0.0 and view.focus == math.inf and not view.orthographic

@@ -72,6 +72,7 @@ def test_bodies_are_distance_bounds(figure, place):
     assert np.quantile(slopes, 1e-3) > SLOPES[0]
 
 
+@pytest.mark.by_night("hands", "feet")
 @pytest.mark.parametrize("place", SKIN_PLACES["angel"])
 def test_the_bound_of_a_body_loses_no_skin(place):
     """Bricks that the bound leaves out are empty, and so are the faces of the box but where it cuts neck and arms."""

@@ -171,6 +171,7 @@ def test_folds_do_not_pass_through_each_other(over_ball):
     assert not np.count_nonzero(apart > 2)
 
 
+@pytest.mark.by_night("55.0")
 @pytest.mark.parametrize("span", [41.0, 55.0])
 def test_a_strip_held_at_both_ends_hangs_as_a_catenary(span):
     """A limp strip of 67 mm: z = a cosh(x/a), 2 a sinh(span/2a) its length with the strain it shows.

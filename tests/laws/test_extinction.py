@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from hagoromo.app.info import info
-from hagoromo.backend import arrays, name
+from hagoromo.backend import arrays, column, name
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
 from hagoromo.image.modes import Shadows
@@ -44,7 +44,7 @@ def unit(v):
 
 def vectors(v):
     v = np.broadcast_to(v, np.shape(v)).reshape(-1, 3)
-    return arrays().Array3f64(*(arrays().Float64(np.ascontiguousarray(v[:, k])) for k in range(3)))
+    return arrays().Array3f64(*(column(arrays().Float64, v[:, k]) for k in range(3)))
 
 
 def sphere_of_directions(count):

@@ -120,6 +120,7 @@ def test_hooklets_reach_below_distal_barbules():
     assert (hooked >= bare - 4.0 * np.spacing(np.float32(MIDDLE[1])) / 0.002).all()
 
 
+@pytest.mark.by_night("0.004")
 @pytest.mark.parametrize("voxel_mm", [0.004, 0.006, 0.05, 0.3])
 def test_the_optical_depth_of_a_vane_is_its_volume(voxel_mm):
     """Mean thickness through a patch against that of the recipe: resolved, half resolved and as a film, within 3 %."""
@@ -184,6 +185,7 @@ def same_bits(one: VolumeBox, other: VolumeBox) -> bool:
     return all(np.array_equal(a, b) for a, b in zip(one.bricks.dense(), other.bricks.dense(), strict=True))
 
 
+@pytest.mark.by_night("secondary", "contour", "covert")
 @pytest.mark.parametrize("kind", FEATHERS)
 def test_one_seed_one_feather(kind):
     """Bits compared whole, on a coarse lattice."""

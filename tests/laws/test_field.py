@@ -13,7 +13,7 @@ from scipy.ndimage import binary_dilation
 
 import hagoromo.image.full_picture as full
 import hagoromo.transport.field.solve as solve
-from hagoromo.backend import arrays
+from hagoromo.backend import arrays, column
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
 from hagoromo.image.prepared_scene import PreparedScene, SceneCache
@@ -120,7 +120,7 @@ def small_cells(monkeypatch):
 
 
 def vectors(v):
-    return arrays().Array3f(*(arrays().Float(np.ascontiguousarray(v[:, k], np.float32)) for k in range(3)))
+    return arrays().Array3f(*(column(arrays().Float, v[:, k].astype(np.float32)) for k in range(3)))
 
 
 @pytest.mark.parametrize("element", ["plane", "cylinder", "sphere"])

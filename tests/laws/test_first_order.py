@@ -27,7 +27,14 @@ def truth(name: str):
 
 @pytest.mark.parametrize(
     ("name", "shadows", "tolerance"),
-    [(name, shadows, t) for name in CASES for shadows in ("march", "map") for t in (0.04, 0.01)],
+    [
+        *((name, *how) for name in CASES for how in (("march", 0.01), ("map", 0.04))),
+        *(
+            pytest.param(name, *how, marks=pytest.mark.nightly)
+            for name in CASES
+            for how in (("march", 0.04), ("map", 0.01))
+        ),
+    ],
 )
 def test_the_error_of_a_picture_is_within_its_tolerance(name, shadows, tolerance):
     true, transmittance = truth(name)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import hagoromo as hg
-from hagoromo.backend import arrays
+from hagoromo.backend import arrays, column
 from hagoromo.camera.response import Response
 from hagoromo.image.surface import SHAPES
 from hagoromo.light.environment import upsampled
@@ -206,7 +206,9 @@ def test_directions_to_area_lamps_follow_their_density(lamp):
     grid = (frame[0] + x[..., None] * frame[1] + y[..., None] * frame[2]).reshape(-1, 3)
     length = np.linalg.norm(grid, axis=1)
     grid /= length[:, None]
-    there = light.seen(jit.Array3f(*map(float, POINT)), jit.Array3f(*(jit.Float(np.float32(c)) for c in grid.T)))
+    there = light.seen(
+        jit.Array3f(*map(float, POINT)), jit.Array3f(*(column(jit.Float, np.float32(c)) for c in grid.T))
+    )
     share = np.array(there.density) / length**3 * (2.0 * reach / (cells * fine)) ** 2
     expected = DRAWS * share.reshape(cells, fine, cells, fine).sum(axis=(1, 3))
     assert sampler_follows_density(counts, expected, expected_error=0.03)  # of the grid, at the outline

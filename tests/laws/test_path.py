@@ -412,8 +412,8 @@ def test_light_without_an_end_is_refused():
     assert hg.render(scene, hg.Settings(orders=3), mode="path").metadata["walks"] == 1
 
 
-@pytest.mark.parametrize("stop", [{"samples": 6}, {"error": 0.2}])
-def test_an_interrupted_picture_goes_on_to_the_bits_of_one_that_was_not(monkeypatch, tmp_path, stop):
+@pytest.mark.parametrize(("stop", "launches"), [({"samples": 6}, (1, 7, 14)), ({"error": 0.2}, (7,))])
+def test_an_interrupted_picture_goes_on_to_the_bits_of_one_that_was_not(monkeypatch, tmp_path, stop, launches):
     """Between two launches of 3000 walks, of which the last has pixels with more walks than others; as a file."""
     monkeypatch.setattr(path_picture, "launch_size", lambda channels: 3000)
     lamps = hg.Lamp(to_lamp=LAMP), hg.Lamp(to_lamp=EYE, spectrum=BLUE), hg.Lamp(to_lamp=(0, 0, 1))
@@ -422,7 +422,7 @@ def test_an_interrupted_picture_goes_on_to_the_bits_of_one_that_was_not(monkeypa
     scene, settings = hg.Scene(camera, lamps, surfaces=(ball,)), hg.Settings(seed=5, **stop)
     monkeypatch.setattr("hagoromo.image.lamp_batches.LAMPS_AT_ONCE", 2)
     whole = hg.render(scene, settings, mode="path")
-    for calls in (1, 7, 14):
+    for calls in launches:
         left = iter(range(calls))
 
         def progress(*_, left=left):

@@ -4,7 +4,6 @@ import gc
 import math
 from dataclasses import replace
 
-import drjit as dr
 import numpy as np
 import pytest
 
@@ -23,6 +22,7 @@ from hagoromo.reflectance.element import sphere_table
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.transport.film import Film, tile_order
 from hagoromo.volume.box import VolumeBox
+from tests.compilations import compilations
 
 SETTINGS = Settings(samples=3, seed=2)
 GREY = Spectrum.constant(1.0)
@@ -91,17 +91,6 @@ CHANGES = {
 }
 
 
-def compilations(work) -> int:
-    """Kernels that `work` compiles, or reads from the disk's cache of compiled ones."""
-    dr.kernel_history_clear()
-    with dr.scoped_set_flag(dr.JitFlag.KernelHistory):
-        work()
-        history = dr.kernel_history()
-    jit = [kernel for kernel in history if "cache_hit" in kernel]
-    assert jit
-    return sum(not kernel["cache_hit"] or kernel["cache_disk"] for kernel in jit)
-
-
 def test_a_new_scene_compiles_and_the_count_sees_it():
     """The count is not blind: another number of lamps is another kernel."""
     box = a_box(holes=0.7)
@@ -118,17 +107,24 @@ def coarse_view(settings: Settings = SETTINGS) -> Preview:
     return view
 
 
-@pytest.mark.parametrize("change", CHANGES)
-def test_a_change_compiles_nothing(scene, change):
-    """After one look at a scene, neither the preview nor the picture of the changed scene compiles a kernel."""
-    gc.collect()  # a kernel with surfaces depends on how many of them are alive
+@pytest.fixture(scope="module")
+def look(scene):
+    """Looks at a scene by a preview that has looked at `scene`, and by a picture."""
     view = coarse_view()
 
-    def look(seen):
+    def look_at(seen):
         list(view.pictures(seen))
-        render(seen)
+        render(seen, SETTINGS)
 
-    look(scene)
+    gc.collect()  # a kernel with surfaces depends on how many of them are alive
+    look_at(scene)
+    return look_at
+
+
+@pytest.mark.parametrize("change", CHANGES)
+def test_a_change_compiles_nothing(scene, look, change):
+    """After one look at a scene, neither the preview nor the picture of the changed scene compiles a kernel."""
+    gc.collect()
     changed = CHANGES[change](scene)
     assert compilations(lambda: look(changed)) == 0
 

@@ -9,7 +9,7 @@ import drjit as dr
 import numpy as np
 import pytest
 
-from hagoromo.backend import arrays
+from hagoromo.backend import arrays, column
 from hagoromo.errors import InputError
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.element import element_weights, sphere_facets, sphere_table
@@ -26,7 +26,7 @@ def unit(count, seed):
 
 
 def arrays3(v):
-    return arrays().Array3f64(*(arrays().Float64(np.ascontiguousarray(v[..., k].ravel())) for k in range(3)))
+    return arrays().Array3f64(*(column(arrays().Float64, v[..., k].ravel()) for k in range(3)))
 
 
 def oracle(N, L, V, alpha, beta, gamma, n):

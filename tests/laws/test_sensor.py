@@ -5,7 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hagoromo.camera.sensor import CANON_EOS_300D, MOSAICS, Sensor, develop_raw, expose_raw, native_channels
+from hagoromo.camera.sensor import (
+    CANON_EOS_300D,
+    MENON_VARIANCE,
+    MOSAICS,
+    SATURATION_MARGIN,
+    Sensor,
+    develop_raw,
+    expose_raw,
+    native_channels,
+)
 from hagoromo.errors import InputError
 from tests.judges import intervals_hold, standard_normal
 
@@ -80,6 +89,34 @@ def test_intervals_stay_honest_in_the_dark():
         d = develop_raw(expose_raw(np.full((200, 200, 1), electrons), quiet, 5), quiet)
         covered = (np.abs(d.values - electrons) <= 1.96 * np.sqrt(d.variance)).mean()
         assert 0.93 < covered < 0.98
+
+
+def test_the_variance_of_a_flat_field_is_shot_read_and_rounding_and_one_electron():
+    """In electrons²; of interpolated values of Menon (2007) the measured factor, the same at the border."""
+    raw = np.full((12, 14), 1000.0)
+    electrons = (1000.0 - BAYER.black_level) * BAYER.gain
+    one = (electrons + 1.0 + BAYER.read_noise**2 + BAYER.gain**2 / 12.0) / BAYER.exposure**2
+    native = native_channels(BAYER, *raw.shape)
+    assert native is not None
+    expected = np.where(native, 1.0, [MENON_VARIANCE[colour] for colour in "RGB"]) * one
+    np.testing.assert_allclose(develop_raw(raw, BAYER, "menon2007").variance, expected, rtol=1e-6)
+    np.testing.assert_allclose(develop_raw(raw[..., None], PLAIN).variance, one, rtol=1e-6)
+
+
+def test_a_sample_counts_as_saturated_a_margin_and_a_number_below_white():
+    full = PLAIN.white_level - SATURATION_MARGIN * PLAIN.read_noise / PLAIN.gain - 1.0
+    raw = np.array([[[full - 0.01], [full]]])
+    np.testing.assert_array_equal(develop_raw(raw, PLAIN).valid, [[True, False]])
+
+
+@pytest.mark.parametrize("name", ["exposure", "full_well", "gain", "bits"])
+def test_figures_of_a_sensor_are_above_0_but_for_those_of_none(name):
+    with pytest.raises(InputError, match="above 0"):
+        replace(PLAIN, **{name: 0.0})
+    with pytest.raises(InputError, match="must be from 1e-09"):
+        replace(PLAIN, gain=1e-10)
+    assert replace(PLAIN, read_noise=0.0, black_level=0.0).read_noise == 0.0
+    assert replace(PLAIN, read_noise=1e-3, gain=1e-2).gain == 1e-2
 
 
 def test_the_same_seed_gives_the_same_bits_and_another_seed_others():

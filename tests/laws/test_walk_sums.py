@@ -113,6 +113,17 @@ def test_walks_go_where_the_noise_is():
     assert dark.mean() < 0.7 * dull.mean() and dull.mean() < 0.7 * bright.mean()
 
 
+def test_the_noise_of_a_dim_picture_is_that_of_a_bright_one():
+    """It is a share of the mean: the unit of light is not in it."""
+    values, pixels = np.random.default_rng(7).random((SIDE**2, 16)), np.arange(SIDE**2)
+    noise = []
+    for unit in (1.0, 2.0**-20):
+        sums = sums_of_picture()
+        add(sums, pixels, np.full(SIDE**2, 16), unit * values.ravel(), np.ones(values.size))
+        noise.append(sums.error())
+    assert noise[0] > 0.0 and noise[1] == pytest.approx(noise[0], rel=1e-6)
+
+
 def test_walks_of_a_pixel_do_not_depend_on_what_it_found():
     """Of two pixels among others alike one found much light and one none: both get as many walks."""
     sums, random = sums_of_picture(), np.random.default_rng(5)

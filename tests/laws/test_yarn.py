@@ -171,6 +171,7 @@ def seen_through(cloth: Woven, size: float) -> np.ndarray:
     return render(Scene(camera, (lamp,), (box,)), Settings(shadows="none")).alpha
 
 
+@pytest.mark.by_night("twill")
 @pytest.mark.parametrize("draft", [plain(), twill(2, 2)], ids=["plain", "twill"])
 def test_threads_and_cover_of_a_cloth_are_counted_in_transmitted_light(draft):
     """Threads from the spectrum of the picture, cover e₁ + e₂ − e₁ e₂ (Peirce) of yarns so wide and so far apart.

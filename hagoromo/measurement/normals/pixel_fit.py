@@ -12,7 +12,7 @@ import drjit as dr
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.backend import arrays
+from hagoromo.backend import arrays, column
 from hagoromo.least_squares.fit_status import Status
 from hagoromo.least_squares.loss import CAUCHY_SCALE
 from hagoromo.measurement.normals.shading import LEAST_COSINE, TAIL, N, body_of, colour_of, exponent_of
@@ -151,7 +151,7 @@ class PixelData:
 
     def floats(self, values: NDArray) -> Any:
         """The values as one array of the device."""
-        return arrays().Float(np.ascontiguousarray(values, np.float32).ravel())
+        return column(arrays().Float, np.asarray(values, np.float32))
 
     def vectors(self, values: NDArray) -> Any:
         """The vectors (P, 3) on the device."""

@@ -15,7 +15,7 @@ import drjit as dr
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.backend import arrays
+from hagoromo.backend import arrays, column
 from hagoromo.measurement.facets import log_density_by_tail
 from hagoromo.measurement.parameters import contrasts
 from hagoromo.reflectance.body import LEAST_COSINE, body_factor, retroreflection
@@ -86,7 +86,7 @@ def shading(normals: Array, to_lamp: Array, to_eye: Array, gloss: Array) -> Shad
 
     def wide(vectors: Array) -> Any:
         tiled = np.ascontiguousarray(np.tile(vectors, (lamps, 1)).T, np.float32)
-        return jit.Array3f(tiled) if len(tiled) == 3 else [jit.Float(row) for row in tiled]
+        return jit.Array3f(tiled) if len(tiled) == 3 else [column(jit.Float, row) for row in tiled]
 
     n, v, (t, b) = wide(normals), wide(to_eye), (wide(turn) for turn in tangents(normals))
     towards = jit.Array3f(to_lamp.reshape(-1, 3).T.astype(np.float32))

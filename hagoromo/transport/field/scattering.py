@@ -20,7 +20,7 @@ import drjit as dr
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.backend import Array3f, Float, UInt, arrays, clip, lookup
+from hagoromo.backend import Array3f, Float, UInt, arrays, clip, column, lookup
 from hagoromo.reflectance.body import LAMBERT, LambertBody
 from hagoromo.reflectance.element import element_weights, projected_area, sphere_body, sphere_table
 from hagoromo.reflectance.facets import GAUSSIAN, is_gaussian
@@ -192,7 +192,7 @@ def _of_sphere(figures: tuple, seen: NDArray) -> NDArray:
     """The six moments of all parts at the cosines `seen`: (4, seen, 6). f depends on L·V alone."""
     alpha, beta, gamma, n, nu, _, lobes, (far, _) = figures
     cosine, weight = np.polynomial.legendre.leggauss(SPHERE_NODES)
-    phase = arrays().Float64(cosine)
+    phase = column(arrays().Float64, cosine)
     facets = beta * _facets(cosine, gamma, nu)
     for more_beta, more_gamma in lobes:
         facets = facets + more_beta * _facets(cosine, more_gamma, GAUSSIAN)
@@ -220,8 +220,8 @@ def _of_others(element: str, figures: tuple, seen: NDArray) -> NDArray:
     alpha, beta, gamma, n, nu, body_law, lobes, passed = figures
     x, y, z, weights = _lights()
     kinds = np.stack([np.ones_like(x), x, z, x * x - y * y, z * z - y * y, x * z]) * weights
-    lamps = (jit.Float64(np.tile(part, seen.size)) for part in (x, y, z))
-    eyes = (jit.Float64(np.repeat(part, x.size)) for part in (np.sqrt(1.0 - seen * seen), 0.0 * seen, seen))
+    lamps = (column(jit.Float64, np.tile(part, seen.size)) for part in (x, y, z))
+    eyes = (column(jit.Float64, np.repeat(part, x.size)) for part in (np.sqrt(1.0 - seen * seen), 0.0 * seen, seen))
     to_lamp, to_eye, axis = jit.Array3f64(*lamps), jit.Array3f64(*eyes), jit.Array3f64(0, 0, 1)
     through = _transmitted(element, passed, (gamma, n), axis, to_lamp, to_eye)
     axis = facing(axis, to_eye) if element == "plane" and max(passed) > 0.0 else axis
