@@ -7,8 +7,6 @@ LOWEST := .venv/lowest
 TOOLS := .venv/pins
 INSTALL := -m pip install --quiet --disable-pip-version-check --only-binary=:all:
 OWN := --no-deps --no-build-isolation -e .
-# Bytecode is written, whatever the environment says: hundreds of tests start a process, which would compile all it imports
-PYTEST := PYTHONDONTWRITEBYTECODE= $(BIN)/pytest
 
 .PHONY: help setup demo test test-all test-slow mutants data docs bench figures fuzz crash package platforms schemas cycles constraints audit lowest
 
@@ -39,10 +37,10 @@ test: $(READY) ## style, types, layers, and every quick test: what .ci/run and t
 	$(BIN)/ruff format --check --quiet .
 	$(BIN)/pyright --pythonpath $(BIN)/python
 	$(BIN)/lint-imports --no-cache
-	$(PYTEST) -n 2 --dist worksteal -m "not slow and not nightly"
+	$(BIN)/pytest -n 2 --dist worksteal -m "not slow and not nightly"
 
 test-all: $(READY) ## every test that is not slow: those in a browser, with real data and of many seeds, too (every night)
-	$(PYTEST) -n 2 --dist worksteal -m "not slow"
+	$(BIN)/pytest -n 2 --dist worksteal -m "not slow"
 
 platforms: $(READY) ## types as on Windows and on macOS: a call that one of them lacks fails
 	$(BIN)/pyright --pythonpath $(BIN)/python --pythonplatform Windows hagoromo hagoromo_formats hagoromo_matter hagoromo_page hagoromo_start
@@ -60,7 +58,7 @@ mutants: $(READY) ## numbers of the laws are changed, 200 one at a time; lists w
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.mutants --out out/mutants.json
 
 test-slow: $(READY) ## the tests that take minutes
-	$(PYTEST) -n 2 --dist worksteal -m slow
+	$(BIN)/pytest -n 2 --dist worksteal -m slow
 
 docs: $(READY) ## the site of the documents, into out/docs/index.html; a dead link or an undocumented public name fails
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict

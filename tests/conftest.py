@@ -18,6 +18,12 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # read when NumPy and SciPy 
 ONE_THREAD = ("gradients", "inverse", "laws")  # folders of tests in which Mitsuba reads no file
 
 
+def pytest_configure(config):
+    """Processes that tests start write no bytecode: some are cut off as they write, and half a file would stop all."""
+    if hasattr(config, "workerinput") or not getattr(config.option, "numprocesses", None):
+        os.environ["PYTHONDONTWRITEBYTECODE"] = "1"
+
+
 @pytest.fixture
 def few_match_points(monkeypatch):
     """Texels are matched at few points, a fifth of the time: for tests that do not ask how well their levels match."""
