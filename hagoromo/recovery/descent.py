@@ -77,7 +77,7 @@ class Descent:
     def choose(self) -> None:
         """Choose the nodes that move, those near the surface; far distances are made distances again."""
         distance = redistanced(self.field.distances())
-        self.field.distance = arrays().Float(np.ascontiguousarray(distance).ravel())
+        self.field.distance = lookup(arrays().Float, distance)
         inner = np.zeros(distance.shape, bool)
         inner[1:-1, 1:-1, 1:-1] = True
         held = np.flatnonzero((np.abs(distance) < BAND) & inner)

@@ -14,7 +14,7 @@ import drjit as dr
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.backend import Array3f, Float, UInt, arrays, clip
+from hagoromo.backend import Array3f, Float, UInt, arrays, clip, lookup
 
 COLOURS = 3  # body colours of a node
 
@@ -45,8 +45,8 @@ class DistanceField:
         """distance: (nz, ny, nx). colours: (nz, ny, nx, 3)."""
         jit = arrays()
         self.shape = distance.shape
-        self.distance = jit.Float(np.ascontiguousarray(distance, np.float32).ravel())
-        self.colours = jit.Float(np.ascontiguousarray(colours, np.float32).ravel())
+        self.distance = lookup(jit.Float, np.asarray(distance, np.float32))
+        self.colours = lookup(jit.Float, np.asarray(colours, np.float32))
         nz, ny, nx = self.shape
         self.rows = [dr.opaque(jit.UInt, each) for each in (1, nx, nx * ny)]
         self.last = [dr.opaque(jit.Float, float(n - 2)) for n in (nx, ny, nz)]

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from hagoromo.backend import arrays
+from hagoromo.backend import arrays, column
 from hagoromo.errors import InputError
 from hagoromo.light.colour import srgb_encode
 from hagoromo.light.spectrum import Spectrum
@@ -129,7 +129,7 @@ def recovered_mesh(recovered: Recovered) -> RecoveredMesh:
     corners, faces, _, _ = marching_cubes(values, 0.0)
     places = corners[:, ::-1].astype(np.float64)
     field, jit = DistanceField(recovered.distance, recovered.colours), arrays()
-    at = jit.Array3f(np.ascontiguousarray(places.T, np.float32))
+    at = jit.Array3f(*(column(jit.Float, each.astype(np.float32)) for each in places.T))
     normals = np.array(unit(field.slope_at(at)), np.float64).T
     colours = np.stack([np.array(each, np.float64) for each in field.colours_at(at)], axis=1)
     vertices = recovered.lattice.to_world(places)
