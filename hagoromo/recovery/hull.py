@@ -156,7 +156,7 @@ def _no_hull(photographs: Sequence[Photograph], silhouettes: Sequence[NDArray[np
     inside = []
     for photograph, silhouette in zip(photographs, silhouettes, strict=True):
         own, shown = _distance_in(photograph.camera, silhouette, nodes)
-        inside.append(~shown | (own < lattice.voxel))
+        inside.append(shown & (own < lattice.voxel))
     votes = np.sum(inside, axis=0)
     best = votes == votes.max()
     against = [p.name for p, own in zip(photographs, inside, strict=True) if not own[best].any()]

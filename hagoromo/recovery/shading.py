@@ -5,7 +5,7 @@ from __future__ import annotations
 import drjit as dr
 import numpy as np
 
-from hagoromo.backend import Array3f, Float, arrays, clip
+from hagoromo.backend import Array3f, Float, arrays, clip, lookup
 from hagoromo.recovery.distance_field import COLOURS
 from hagoromo.recovery.lamp_table import LampTable
 from hagoromo.reflectance.torrance_sparrow import torrance_sparrow
@@ -40,8 +40,7 @@ class Shading:
 
     def set_gloss(self, gloss: np.ndarray) -> None:
         """Other numbers of the gloss."""
-        self.gloss = arrays().Float(np.asarray(gloss, np.float32))
-        dr.make_opaque(self.gloss)
+        self.gloss = lookup(arrays().Float, np.asarray(gloss, np.float32))
 
     @property
     def channels(self) -> int:
