@@ -205,6 +205,20 @@ def _unknown_shape(folder: Path) -> None:
     write_json(folder / "capture" / "transforms.json", record)
 
 
+def _all_around(folder: Path) -> None:
+    """A ball from five sides, under a lamp beside each camera."""
+    import hagoromo as hg
+
+    rows, columns = np.mgrid[:16, :16] - 7.5
+    disc, photographs = np.hypot(rows, columns) < 5.0, []
+    for eye in ((0.0, -1.0, 0.1), (1.0, 0.0, -0.1), (0.0, 1.0, 0.2), (-1.0, 0.0, 0.0), (0.6, -0.6, 0.5)):
+        camera = hg.Camera(16, 16, (60.0, 60.0), (8.0, 8.0)).look_at(eye, (0.0, 0.0, 0.0))
+        values = np.where(disc[..., None], 0.3, 0.0).repeat(3, axis=2).astype(np.float32)
+        lamp = hg.Lamp(position=(eye[0], eye[1], eye[2] + 0.3))
+        photographs.append(hg.Photograph(values, 1e-4 + 0.0 * values, disc, camera, (lamp,), f"{eye}", silhouette=disc))
+    hg.Capture(tuple(photographs), "ball").save(folder / "capture")
+
+
 def _card(folder: Path) -> None:
     """A flat card under far lamps."""
     import hagoromo as hg
@@ -336,6 +350,10 @@ CASES = (
     Case("render a film", _scene, ("render", "scene.toml", "--turntable", "2"), ("out.gif", "out_frames"), apart=True),
     Case("render by walks", _scene, ("render", "scene.toml", "--mode", "path"), ("out.exr", "out.png")),
     Case("relight", _capture, ("relight", "capture"), ("out",), slow=6),
+    Case(
+        "recover", _all_around, ("recover", "capture", "--side", "16", "--steps", "1", "--voxels", "16"),
+        ("out.zarr", "out.ply", "out.json", "out.html"), apart=True, slow=6,
+    ),
     Case(
         "spectra", _photographs,
         ("spectra", "a.exr", "--lamp", "D65", "--response", "canon_eos_300d", "--white", "w", "--region", "w=0,0,4,4",

@@ -28,6 +28,9 @@ INSIDE = {  # modules of the package that a study takes apart, and why no public
     "encoding.py": {"measurement.normals.normals", "measurement.normals.photometric_model"},
     "leave_one_out.py": {"measurement.normals.normals"},
     "predicted_photograph.py": {"measurement.normals.photometric_model"},
+    # exact shapes by signed distances, and light by the law itself, sphere-traced on the device
+    "recover_scenes.py": {"backend", "matter", "reflectance.torrance_sparrow"},
+    "recovery.py": {"backend", "recovery.recovered"},
     # the materials of normals that were solved before, many times over
     "object_study.py": {"measurement.normals.gloss_estimate"},
     # stages of one calibration, each judged by itself
