@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +34,8 @@ def recover(
 ) -> None:
     """Photographs of many views and lamps → a volume box of the object; its mesh, figures and a report beside it.
 
-    The result is BOX.zarr (--out), BOX.ply, BOX.json and BOX.html. Ctrl-C ends the work early and writes what there is.
+    The result is BOX.zarr (--out), BOX.ply, BOX.json and BOX.html. Ctrl-C ends the work early and writes what
+    there is, with exit status 130.
 
     Args:
         capture: folder with transforms.json: a camera and a lamp, or several, for each photograph. Without lamps they
@@ -52,21 +52,19 @@ def recover(
     box, *beside = recovery_files(out).files
     replaceable_folder(box, force)
     replaceable_files(beside, force)
-    from hagoromo.recovery.export import write_mesh
-
     settings = hg.RecoverySettings(side=side, steps=steps, keep=keep, shadows=shadows, seed=seed)
     with progress_bar("recover") as progress:
         recovered = hg.recover(capture, settings, progress)
-    if not recovered.complete:
-        warnings.warn("it was interrupted: what follows is made of what there is", stacklevel=2)
     made, mesh, record = recovered.box(voxels), recovered.mesh(), recovered.record()
     with whole_files(beside, force) as (mesh_file, record_file, page):
-        write_mesh(mesh_file, mesh)
+        mesh.save(mesh_file)
         write_json(record_file, record)
         hg.write_recovery_report(page, recovered, record)
         made.save(box, force)
     for line in summary(record):
         say(line)
+    if not recovered.complete:
+        raise KeyboardInterrupt(f"{box} and what stands beside it are what there was by then")
     wrote(box, *beside)
 
 

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from hagoromo.backend import Array3f, Float, arrays, column
 from hagoromo.errors import InputError
 from hagoromo.image.prepared_scene import PreparedScene
-from hagoromo.transport.adjoint import Adjoint
+from hagoromo.transport.adjoint import MarchAdjoint
 from hagoromo.transport.differentiable_medium import DifferentiableMedium
 from hagoromo.transport.moving import Moving, Rays
 from hagoromo.transport.shadows_back import ShadowsBack
@@ -109,7 +109,7 @@ def _check(prepared: PreparedScene, medium: DifferentiableMedium, by: Sequence[s
 @contextmanager
 def _tracked(
     prepared: PreparedScene, medium: DifferentiableMedium, by: Sequence[str], moving: Moving
-) -> Iterator[tuple[dict[str, Any], Adjoint]]:
+) -> Iterator[tuple[dict[str, Any], MarchAdjoint]]:
     """Arrays of the march, those that the gradient is by being tracked, and the adjoint. The march is as it was
     afterwards.
     """
@@ -126,7 +126,7 @@ def _tracked(
         shaded, turned = medium.flakes is not None and "axis" in by, medium.shadow_biases is not None and "axis" in by
         shadows = ShadowsBack(medium, "density" in by or shaded, moving.count > 0 or turned)
         medium.marched_back = shadows
-        yield tracked, Adjoint(medium, lighting, shadows, "density" in by, moving)
+        yield tracked, MarchAdjoint(medium, lighting, shadows, "density" in by, moving)
     finally:
         medium.voxels, medium.colours, lighting.materials.rows = before
         medium.marched_back = None
@@ -134,7 +134,7 @@ def _tracked(
         dr.set_expand_threshold(threshold)
 
 
-def _surfaces_back(prepared: PreparedScene, adjoint: Adjoint, rays: Rays, by_channels: list[Float]) -> list[Float]:
+def _surfaces_back(prepared: PreparedScene, adjoint: MarchAdjoint, rays: Rays, by_channels: list[Float]) -> list[Float]:
     """Differentiate the light of surfaces behind all boxes, with the shadows of the boxes; that by what moves."""
     moving, shadows = adjoint.moving, adjoint.shadows
     moving.track(rays)

@@ -175,10 +175,10 @@ class RayMarch:
         materials, lamps, rays; () for the light alone. It costs a few forward marches, whatever the number of voxels:
         `python benchmarks/gradient.py`. Only for `differentiable`.
 
-        The light is that of two samples a step, each with a place of its own (`Adjoint`). It differs from that of a
-        call by the errors of both, see the tolerance above; the gradient is that of the light returned, with its steps
-        held. It leaves out what jumps: the light of a plane at its horizon, where f drops to 0, which soft shells of
-        planes have much of; the border between two materials; the edge of a surface before a lamp. It leaves out the
+        The light is that of two samples a step, each with a place of its own (`MarchAdjoint`). It differs from that of
+        a call by the errors of both, see the tolerance above; the gradient is that of the light returned, with its
+        steps held. It leaves out what jumps: the light of a plane at its horizon, where f drops to 0, which soft shells
+        of planes have much of; the border between two materials; the edge of a surface before a lamp. It leaves out the
         shadow of what sends less than 1e-5 of a lamp's light to the eye. Voxels of bricks that are not stored have the
         gradient 0; a box built from arrays stores the bricks of 8³ voxels that hold any matter. By gamma and nu the
         facets of spheres, which are tabled, have none; where the law of a body changes its colour, as a varnish does,

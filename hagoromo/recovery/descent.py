@@ -11,9 +11,9 @@ from hagoromo.progress import Progress, silent
 from hagoromo.recovery.distance_field import COLOURS, DistanceField
 from hagoromo.recovery.hull import redistanced
 from hagoromo.recovery.lamp_table import LampTable
-from hagoromo.recovery.rendering import Rendering
-from hagoromo.recovery.shading import Shading
-from hagoromo.recovery.views import CHUNK, Drawn, Pixels
+from hagoromo.recovery.rendering import Rendering, SeenLight
+from hagoromo.recovery.shading import SurfaceShading
+from hagoromo.recovery.pixel_table import CHUNK, Drawn, PixelTable
 
 BAND = 3.0  # voxels from the surface within which nodes move
 CHOOSE_EVERY, LAST_CHOICE = 30, 0.8  # steps after which moving nodes are chosen anew; share of the steps until then
@@ -58,21 +58,26 @@ class Descent:
     def __init__(
         self,
         field: DistanceField,
-        pixels: Pixels,
+        pixels: PixelTable,
         lamps: LampTable,
         gloss: NDArray[np.floating],
         seed: int,
         shadows: bool = True,
     ) -> None:
         self.field, self.pixels, self.lamps = field, pixels, lamps
-        self.rendering = Rendering(field, Shading(lamps, gloss), 1.0, shadows)
+        self.rendering = Rendering(field, SurfaceShading(lamps, gloss), 1.0, shadows)
         self.random = np.random.default_rng(seed)
         self.choose()
 
     @property
-    def shading(self) -> Shading:
+    def shading(self) -> SurfaceShading:
         """That of the surface."""
         return self.rendering.shading
+
+    @property
+    def gloss(self) -> NDArray[np.float64]:
+        """ln β, ln γ, ln(n − 1)."""
+        return np.array(self.shading.gloss, np.float64)
 
     def choose(self) -> None:
         """Choose the nodes that move, those near the surface; far distances are made distances again."""
@@ -162,7 +167,7 @@ def gloss_step(rendering: Rendering, drawn: Drawn, copies: float) -> NDArray[np.
     """
     gloss = np.array(rendering.shading.gloss, np.float64)
     prior = np.diag([0.0, 0.0, 1.0 / N_SPREAD**2])
-    matrix, slope, _ = gloss_normal_equations(rendering, drawn, copies)
+    matrix, slope, _ = gloss_normal_equations(rendering, drawn, rendering.light(drawn), copies)
     slope = slope + prior @ (np.log(N_USUAL - 1.0) - gloss)
     damped = matrix + prior + np.diag(1e-3 * np.diag(matrix) + 1e-9)
     change = np.clip(np.linalg.solve(damped, slope), -GLOSS_CHANGE, GLOSS_CHANGE)
@@ -170,10 +175,9 @@ def gloss_step(rendering: Rendering, drawn: Drawn, copies: float) -> NDArray[np.
 
 
 def gloss_normal_equations(
-    rendering: Rendering, drawn: Drawn, copies: float
+    rendering: Rendering, drawn: Drawn, base: SeenLight, copies: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Jᵀ W J (3, 3) and Jᵀ W r (3,) of the gloss, by differences, and J (pixels · 3, 3) times √W."""
-    base = rendering.light(drawn)
+    """Jᵀ W J (3, 3) and Jᵀ W r (3,) of the gloss, by differences from the light `base`, and J (pixels · 3, 3) times √W."""
     rest = [value - light for value, light in zip(drawn.values, base.channels, strict=True)]
     weight = robust(drawn, rest)
     roots = [np.sqrt(np.maximum(np.array(w * weight, np.float64), 0.0)) for w in drawn.weights]

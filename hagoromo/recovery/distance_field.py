@@ -27,13 +27,6 @@ class Stencil(NamedTuple):
     slopes: list[list[Float]]
 
 
-class Corners(NamedTuple):
-    """The 8 nodes around a place: the first one's number, and the weights of both along x, y and z."""
-
-    first: UInt
-    weights: list[list[Float]]
-
-
 class DistanceField:
     """distance: Float (nodes,) signed distance [voxel], negative inside. colours: Float (nodes · 3) body colours.
 
@@ -78,17 +71,6 @@ class DistanceField:
             slopes.append([-low, -2.0 * t, high])
             first += (jit.UInt(middle) - 1) * self.rows[k]
         return Stencil(first, weights, slopes)
-
-    def corners(self, place: Array3f) -> Corners:
-        """The corners of the cell around a place."""
-        jit = arrays()
-        first, weights = jit.UInt(0), []
-        for k in range(3):
-            low = clip(dr.floor(dr.detach(place[k])), 0.0, self.last[k])
-            t = clip(place[k] - low, 0.0, 1.0)
-            weights.append([1.0 - t, t])
-            first += jit.UInt(low) * self.rows[k]
-        return Corners(first, weights)
 
     def distance_at(self, place: Array3f) -> Float:
         """Signed distance [voxel]."""
@@ -156,7 +138,13 @@ class DistanceField:
 
     def _corner_nodes(self, place: Array3f) -> Iterator[tuple[UInt, Float]]:
         """Number and weight of each node of the cell around a place."""
-        first, weights = self.corners(place)
+        jit = arrays()
+        first, weights = jit.UInt(0), []
+        for k in range(3):
+            low = clip(dr.floor(dr.detach(place[k])), 0.0, self.last[k])
+            t = clip(place[k] - low, 0.0, 1.0)
+            weights.append([1.0 - t, t])
+            first += jit.UInt(low) * self.rows[k]
         for z in range(2):
             for y in range(2):
                 row, both = first + self.rows[2] * z + self.rows[1] * y, weights[1][y] * weights[2][z]

@@ -18,7 +18,7 @@ from hagoromo.backend import Float
 from hagoromo.recovery.descent import N_SPREAD, Descent, gloss_normal_equations
 from hagoromo.recovery.distance_field import COLOURS
 from hagoromo.recovery.shading import GLOSS, figures
-from hagoromo.recovery.views import CHUNK, Drawn
+from hagoromo.recovery.pixel_table import CHUNK, Drawn
 
 AT_ONCE = 1 << 12  # chunks
 MOST_CHUNKS = 1 << 16  # that are looked at: more would not say more
@@ -77,7 +77,7 @@ def evidence_of(descent: Descent, coarser: NDArray[np.floating] | None = None) -
         parts.append(_part(descent, drawn, seen, known))
     gloss = _gloss_covariance(parts, count, copies) if descent.lamps.each else np.zeros((3, 3))
     if coarser is not None and descent.lamps.each:
-        gloss = gloss + np.diag((np.array(descent.shading.gloss, np.float64) - coarser) ** 2)
+        gloss = gloss + np.diag((descent.gloss - coarser) ** 2)
     with np.errstate(divide="ignore"):
         error = np.where(known > 0.0, 1.0 / np.sqrt(known * copies), np.nan)
     return Evidence(
@@ -104,7 +104,7 @@ def _part(descent: Descent, drawn: Drawn, seen: NDArray, known: NDArray) -> tupl
     field.colours = old
     jacobian = np.zeros((len(hit) * COLOURS, len(GLOSS)))
     if descent.lamps.each:
-        jacobian = gloss_normal_equations(rendering, drawn, 1.0)[2]
+        jacobian = gloss_normal_equations(rendering, drawn, base, 1.0)[2]
     by_gloss = np.moveaxis(jacobian.reshape(COLOURS, len(hit), len(GLOSS)), 0, 1)
     np.add.at(seen, node[hit], 1)
     np.add.at(known, node[hit], (by_colour[hit] * roots[hit]) ** 2)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import drjit as dr
@@ -13,7 +12,6 @@ from scipy import ndimage
 
 from hagoromo.backend import arrays, column
 from hagoromo.errors import InputError
-from hagoromo.light.colour import srgb_encode
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.matter.shape import coverage, unit
 from hagoromo.photograph.photograph import Photograph
@@ -71,11 +69,10 @@ def recovered_box(recovered: Recovered, side: int | None = None) -> VolumeBox:
         return (distance < reach) & (distance > -SKIN - reach)
 
     basis = basis_of(recovered.photographs)
-    box = VolumeBox.from_field(
+    return VolumeBox.from_field(
         matter, shape, voxel, DEPTH / voxel, materials, occupied, pose=_pose(recovered, voxel), basis=basis,
         name=_name(recovered, dim), shadow_bias=SHADOW_BIAS * voxel, extinction=EXTINCTION,
     )  # fmt: skip
-    return box
 
 
 def _name(recovered: Recovered, dim: float) -> str:
@@ -147,12 +144,3 @@ def _spline_values(nodes: NDArray[np.floating]) -> NDArray[np.float64]:
     for axis in range(3):
         values = ndimage.correlate1d(values, [0.125, 0.75, 0.125], axis=axis, mode="nearest")
     return values
-
-
-def write_mesh(path: Path, mesh: RecoveredMesh) -> None:
-    """Write the mesh as PLY, with normals and sRGB colours of its vertices."""
-    import trimesh
-
-    colours = srgb_encode(np.clip(mesh.colours, 0.0, 1.0))
-    made = trimesh.Trimesh(mesh.vertices, mesh.faces, vertex_normals=mesh.normals, vertex_colors=colours, process=False)
-    made.export(path, file_type="ply")

@@ -12,6 +12,7 @@ from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.recovery.distance_field import COLOURS
 from hagoromo.recovery.lattice import Lattice
+from hagoromo.recovery.object_view import ObjectView
 
 LEAST_VIEWS = 3
 MOST_CUT = 0.5  # share of the photographs that may cut the object at their edge
@@ -48,16 +49,13 @@ def kept_aside(count: int, keep: int) -> list[bool]:
     return aside if count - sum(aside) >= LEAST_VIEWS else [False] * count
 
 
-def check_not_cut(photographs: Sequence[Photograph], silhouettes: Sequence[NDArray[np.bool_]]) -> None:
+def check_not_cut(views: Sequence[ObjectView]) -> None:
     """`InputError` where most photographs show a part of the object only."""
-    cut = [
-        p.name
-        for p, s in zip(photographs, silhouettes, strict=True)
-        if s[0].any() or s[-1].any() or s[:, 0].any() or s[:, -1].any()
-    ]
-    if len(cut) > MOST_CUT * len(photographs):
+    edges = [(view.silhouette[[0, -1]].any() or view.silhouette[:, [0, -1]].any()) for view in views]
+    cut = [view.photograph.name for view, is_cut in zip(views, edges, strict=True) if is_cut]
+    if len(cut) > MOST_CUT * len(views):
         raise InputError(
-            f"{len(cut)} of {len(photographs)} photographs cut the object at their edge ({cut[0]}, …): recover needs "
+            f"{len(cut)} of {len(views)} photographs cut the object at their edge ({cut[0]}, …): recover needs "
             "the whole object in most of them, with background around it"
         )
 

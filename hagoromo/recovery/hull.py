@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +11,7 @@ from scipy import ndimage
 
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
-from hagoromo.photograph.photograph import Photograph
+from hagoromo.recovery.object_view import ObjectView
 from hagoromo.recovery.lattice import Lattice
 
 Array = NDArray[np.float64]
@@ -23,20 +24,51 @@ CRUMB = 0.01  # size of a part, in that of the largest, below which it is a crum
 NAMED = 5  # photographs that a message names
 
 
-def box_of(
-    photographs: Sequence[Photograph], silhouettes: Sequence[NDArray[np.bool_]], stated: bool = True
-) -> tuple[Array, Array]:
+class Outline(NamedTuple):
+    """The outline of the object in a photograph. distance: (h, w) signed distance of pixels to it [px], float32."""
+
+    name: str
+    camera: Camera
+    distance: NDArray[np.float32]
+
+    def seen_at(self, points: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Signed distance [m] to the cone of the silhouette at points (n, 3), and where the photograph shows them."""
+        depth = (points - self.camera.position) @ self.camera.world_to_camera[2, :3]
+        ahead = depth > 0.0
+        with np.errstate(all="ignore"):
+            image = self.camera.project(points)
+        image = np.where(ahead[:, None] & np.isfinite(image), image, -1.0)
+        height, width = self.distance.shape
+        shown = (image[:, 0] >= 0.0) & (image[:, 0] < width) & (image[:, 1] >= 0.0) & (image[:, 1] < height)
+        at = [image[:, 1] - 0.5, image[:, 0] - 0.5]
+        value = ndimage.map_coordinates(self.distance, at, np.float64, order=1, mode="nearest")
+        return value * depth / min(self.camera.focal), shown
+
+    def holds(self, points: Array, margin: float) -> NDArray[np.bool_]:
+        """Whether points (n, 3) are shown within `margin` [m] of the silhouette."""
+        distance, shown = self.seen_at(points)
+        return shown & (distance < margin)
+
+
+def outlines_of(views: Sequence[ObjectView]) -> list[Outline]:
+    """The outlines of the object in all views."""
+    return [
+        Outline(v.photograph.name, v.photograph.camera, signed_distance(v.silhouette).astype(np.float32)) for v in views
+    ]
+
+
+def box_of(outlines: Sequence[Outline], stated: bool = True) -> tuple[Array, Array]:
     """Low and high corner (3,) [m] of the object, with a margin. `InputError` where the silhouettes meet nowhere.
 
     stated: see `hull_distance`.
     """
-    centre, size = _first_cube(photographs, silhouettes)
+    centre, size = _first_cube(outlines)
     low, high = centre - size, centre + size
     for _ in range(ROUNDS):
         lattice = Lattice.around(low, high, COARSE)
-        inside = hull_distance(photographs, silhouettes, lattice, stated) < 1.0  # voxel: thin parts between nodes count
+        inside = hull_distance(outlines, lattice, stated) < 1.0  # voxel: thin parts between nodes count
         if not inside.any():
-            raise InputError(_no_hull(photographs, silhouettes, lattice))
+            raise InputError(_no_hull(outlines, lattice))
         held = [np.flatnonzero(inside.any(axis=tuple(k for k in range(3) if k != axis))) for axis in (2, 1, 0)]
         first, last = (np.array([each[end] for each in held], float) for end in (0, -1))
         low, high = lattice.to_world(first - 1.0), lattice.to_world(last + 1.0)
@@ -44,43 +76,32 @@ def box_of(
     return low - edge, high + edge
 
 
-def hull_distance(
-    photographs: Sequence[Photograph],
-    silhouettes: Sequence[NDArray[np.bool_]],
-    lattice: Lattice,
-    stated: bool = True,
-) -> Array:
+def hull_distance(outlines: Sequence[Outline], lattice: Lattice, stated: bool = True) -> Array:
     """Signed distance (nz, ny, nx) [voxel] to the hull, about right near its surface: negative inside.
 
     A place that a photograph does not show is not carved by it; one that fewer than a share of LEAST_SHOWN of the
-    photographs show is outside. stated: whether silhouettes are exact; if not, a share
-    of ALLOWED of the photographs that show a place may miss it, as where it is in shadow.
+    photographs show is outside. stated: whether silhouettes are exact; if not, a share of ALLOWED of the photographs
+    that show a place may miss it, as where it is in shadow.
     """
     nodes = lattice.nodes().reshape(-1, 3)
-    largest = [np.full(len(nodes), -np.inf)] * (1 if stated else 1 + int(ALLOWED * len(photographs)))
+    largest = [np.full(len(nodes), -np.inf)] * (1 if stated else 1 + int(ALLOWED * len(outlines)))
     views = np.zeros(len(nodes), np.int32)
-    for photograph, silhouette in zip(photographs, silhouettes, strict=True):
-        own, shown = _distance_in(photograph.camera, silhouette, nodes)
+    for outline in outlines:
+        own, shown = outline.seen_at(nodes)
         own, views = np.where(shown, own / lattice.voxel, -np.inf), views + shown
         for k, held in enumerate(largest):
             largest[k], own = np.maximum(held, own), np.minimum(held, own)
     distance = largest[-1].copy()
-    distance[(views < LEAST_SHOWN * len(photographs)) | ~np.isfinite(distance)] = 1e3
+    distance[(views < LEAST_SHOWN * len(outlines)) | ~np.isfinite(distance)] = 1e3
     return distance.reshape(lattice.shape)
 
 
-def check_all_show_it(
-    photographs: Sequence[Photograph], silhouettes: Sequence[NDArray[np.bool_]], lattice: Lattice, hull: Array
-) -> None:
+def check_all_show_it(outlines: Sequence[Outline], lattice: Lattice, hull: Array) -> None:
     """`InputError` that names the photographs whose silhouettes hold nothing of the hull that the others make."""
     inside = lattice.nodes()[hull < 1.0]
-    against = []
-    for photograph, silhouette in zip(photographs, silhouettes, strict=True):
-        own, shown = _distance_in(photograph.camera, silhouette, inside)
-        if not (shown & (own < lattice.voxel)).any():
-            against.append(photograph.name)
+    against = [each.name for each in outlines if not each.holds(inside, lattice.voxel).any()]
     if against:
-        raise InputError(_said(against, len(photographs)))
+        raise InputError(_said(against, len(outlines)))
 
 
 def without_crumbs(distance: NDArray[np.floating]) -> NDArray[np.floating]:
@@ -102,11 +123,15 @@ def redistanced(distance: NDArray[np.floating], reach: float = 2.0) -> NDArray[n
     inside = distance < 0.0
     if not inside.any() or inside.all():
         return np.asarray(distance, np.float32)
-    outer, inner = way_to(inside), way_to(~inside)
-    far = np.where(inside, 0.5 - inner, outer - 0.5)
+    far = signed_distance(inside)
     share = np.clip(np.abs(far) / reach - 1.0, 0.0, 1.0)  # near the surface the old values stay
     near = np.clip(distance, -2.0 * reach, 2.0 * reach)
     return np.asarray(share * far + (1.0 - share) * near, np.float32)
+
+
+def signed_distance(inside: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Distance of each place to the border of what is `inside`, in steps of the array; negative inside."""
+    return np.where(inside, 0.5 - way_to(~inside), way_to(inside) - 0.5)
 
 
 def way_to(there: NDArray[np.bool_]) -> NDArray[np.float64]:
@@ -114,18 +139,17 @@ def way_to(there: NDArray[np.bool_]) -> NDArray[np.float64]:
     return np.asarray(ndimage.distance_transform_edt(~there), np.float64)
 
 
-def _first_cube(photographs: Sequence[Photograph], silhouettes: Sequence[NDArray[np.bool_]]) -> tuple[Array, float]:
+def _first_cube(outlines: Sequence[Outline]) -> tuple[Array, float]:
     """The place that is nearest to the rays through the middles of all silhouettes, and half an edge that holds all."""
     places, ways, sizes = [], [], []
-    for photograph, silhouette in zip(photographs, silhouettes, strict=True):
-        rows, columns = np.nonzero(silhouette)
+    for outline in outlines:
+        rows, columns = np.nonzero(outline.distance < 0.0)
         if not rows.size:
             continue
         low, high = (np.array([f(columns), f(rows)], float) for f in (np.min, np.max))
-        middle = 0.5 * (low + high) + 0.5
-        places.append(photograph.camera.position)
-        ways.append(photograph.camera.unproject(middle))
-        sizes.append(0.5 * float((high - low + 1.0).max()) / min(photograph.camera.focal))
+        places.append(outline.camera.position)
+        ways.append(outline.camera.unproject(0.5 * (low + high) + 0.5))
+        sizes.append(0.5 * float((high - low + 1.0).max()) / min(outline.camera.focal))
     if len(places) < 2:
         raise InputError("fewer than two photographs show the object: give masks that are white on it")
     origin, way = np.stack(places), np.stack(ways)
@@ -135,32 +159,14 @@ def _first_cube(photographs: Sequence[Photograph], silhouettes: Sequence[NDArray
     return centre, 1.3 * float(np.max(np.array(sizes) * depth))
 
 
-def _distance_in(camera: Camera, silhouette: NDArray[np.bool_], points: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Signed distance [m] to the cone of a silhouette at points (n, 3), and where the photograph shows them."""
-    outer, inner = way_to(silhouette), way_to(~silhouette)
-    flat = np.where(silhouette, 0.5 - inner, outer - 0.5)  # px
-    depth = (points - camera.position) @ camera.world_to_camera[2, :3]
-    ahead = depth > 0.0
-    with np.errstate(all="ignore"):
-        image = camera.project(points)
-    image = np.where(ahead[:, None] & np.isfinite(image), image, -1.0)
-    height, width = silhouette.shape
-    shown = (image[:, 0] >= 0.0) & (image[:, 0] < width) & (image[:, 1] >= 0.0) & (image[:, 1] < height)
-    value = ndimage.map_coordinates(flat, [image[:, 1] - 0.5, image[:, 0] - 0.5], order=1, mode="nearest")
-    return value * depth / min(camera.focal), shown
-
-
-def _no_hull(photographs: Sequence[Photograph], silhouettes: Sequence[NDArray[np.bool_]], lattice: Lattice) -> str:
+def _no_hull(outlines: Sequence[Outline], lattice: Lattice) -> str:
     """What is said where no place is in all silhouettes: the photographs that disagree with most."""
     nodes = lattice.nodes().reshape(-1, 3)
-    inside = []
-    for photograph, silhouette in zip(photographs, silhouettes, strict=True):
-        own, shown = _distance_in(photograph.camera, silhouette, nodes)
-        inside.append(shown & (own < lattice.voxel))
+    inside = [outline.holds(nodes, lattice.voxel) for outline in outlines]
     votes = np.sum(inside, axis=0)
     best = votes == votes.max()
-    against = [p.name for p, own in zip(photographs, inside, strict=True) if not own[best].any()]
-    return _said(against, len(photographs))
+    against = [outline.name for outline, own in zip(outlines, inside, strict=True) if not own[best].any()]
+    return _said(against, len(outlines))
 
 
 def _said(against: Sequence[str], count: int) -> str:

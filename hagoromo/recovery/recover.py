@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import ndimage
 
 from hagoromo.errors import InputError
@@ -18,13 +18,14 @@ from hagoromo.recovery.descent import Descent
 from hagoromo.recovery.distance_field import COLOURS, DistanceField
 from hagoromo.recovery.evidence import evidence_of
 from hagoromo.recovery.given import check_lamps, check_not_cut, checked, kept_aside
-from hagoromo.recovery.hull import box_of, check_all_show_it, hull_distance, redistanced, without_crumbs
+from hagoromo.recovery.hull import box_of, check_all_show_it, hull_distance, outlines_of, redistanced, without_crumbs
 from hagoromo.recovery.lamp_table import LampTable
 from hagoromo.recovery.lattice import Lattice
-from hagoromo.recovery.recovered import Kept, Recovered
+from hagoromo.recovery.object_view import ObjectView
+from hagoromo.recovery.pixel_table import CHUNK, PixelTable
+from hagoromo.recovery.recovered import Recovered
 from hagoromo.recovery.shading import START, coordinates
-from hagoromo.recovery.silhouettes import silhouettes_of
-from hagoromo.recovery.views import CHUNK, Pixels, View
+from hagoromo.recovery.silhouettes import views_of
 
 COARSEST = 32  # nodes along the longest edge of the first level
 LEAST_SIDE, LARGEST_SIDE = 16, 512  # nodes along the longest edge
@@ -77,37 +78,36 @@ def recover(
     settings = settings or RecoverySettings()
     taken = capture if isinstance(capture, Capture) else load_capture(capture)
     photographs = checked(taken)
-    silhouettes, stated = silhouettes_of(photographs)
-    check_not_cut(photographs, silhouettes)
-    aside = kept_aside(len(photographs), settings.keep)
-    used = tuple(View(p, s, stated) for p, s, out in zip(photographs, silhouettes, aside, strict=True) if not out)
+    views = views_of(photographs)
+    check_not_cut(views)
+    aside = kept_aside(len(views), settings.keep)
+    used, kept = (tuple(v for v, out in zip(views, aside, strict=True) if out == which) for which in (False, True))
     progress(0.0, "hull")
-    low, high = box_of([v.photograph for v in used], [v.share for v in used], stated)
-    levels = [Lattice.around(low, high, side) for side in sides(settings.side)]
-    require(BYTES_PER_NODE * float(np.prod(levels[-1].shape)), f"a lattice of {settings.side} nodes along its edge")
-    state, complete, known, coarser = None, True, None, None
+    levels, hull = _hull(used, settings)
+    field, gloss = DistanceField(redistanced(hull), np.full((*hull.shape, COLOURS), 0.4)), coordinates(*START)
     shares = np.array([LEVEL_SHARE] * (len(levels) - 1) + [1.0])
     ends = np.concatenate([[0.0], np.cumsum(shares / shares.sum())])
+    lattice, descent, known = levels[0], None, None
     try:
         for number, level in enumerate(levels):
+            coarser = None
+            if descent is not None:
+                field, coarser = finer(descent.field, lattice, level), descent.gloss
+                gloss = coarser
             last = number == len(levels) - 1
-            coarser = None if state is None else np.array(state.descent.shading.gloss, np.float64)
-            state = _begun(used, level, state, settings, last)
+            lattice, descent = level, _descent(used, level, field, gloss, settings, last)
             own = part_of(progress, float(ends[number]), float(np.diff(ends)[number]), f"{max(level.shape)} nodes")
-            state.descent.run(settings.steps, settings.rays // CHUNK, LAST_SOFTNESS if last else SOFTNESS, own)
-        assert state is not None  # there is a level
-        known = evidence_of(state.descent, coarser)
+            descent.run(settings.steps, settings.rays // CHUNK, LAST_SOFTNESS if last else SOFTNESS, own)
+            known = evidence_of(descent, coarser) if last else None
     except KeyboardInterrupt:
-        if state is None:
+        if descent is None:
             raise
-        complete = False
-    kept = tuple(Kept(p, s) for p, s, out in zip(photographs, silhouettes, aside, strict=True) if out)
-    field = state.descent.field
-    distance = np.asarray(without_crumbs(field.distances()), np.float32)
+    assert descent is not None  # there is a level
+    distance = np.asarray(without_crumbs(descent.field.distances()), np.float32)
     return Recovered(
-        state.lattice, distance, field.body_colours(), np.array(state.descent.shading.gloss, np.float64),
-        state.descent.rendering.softness, tuple(v.photograph for v in used), kept, any(p.lamps for p in photographs),
-        asdict(settings), taken.name, complete, dict(taken.assumptions), stated, known,
+        lattice, distance, descent.field.body_colours(), descent.gloss, descent.rendering.softness,
+        tuple(v.photograph for v in used), kept, any(p.lamps for p in photographs), asdict(settings), taken.name,
+        dict(taken.assumptions), used[0].stated, known,
     )  # fmt: skip
 
 
@@ -119,35 +119,37 @@ def sides(finest: int) -> list[int]:
     return levels
 
 
-class _State(NamedTuple):
+def _hull(views: Sequence[ObjectView], settings: RecoverySettings) -> tuple[list[Lattice], NDArray[np.float64]]:
+    """The lattices of all levels, and the hull on the first."""
+    outlines, stated = outlines_of(views), views[0].stated
+    low, high = box_of(outlines, stated)
+    levels = [Lattice.around(low, high, side) for side in sides(settings.side)]
+    require(BYTES_PER_NODE * float(np.prod(levels[-1].shape)), f"a lattice of {settings.side} nodes along its edge")
+    hull = hull_distance(outlines, levels[0], stated)
+    if stated:
+        check_all_show_it(outlines, levels[0], hull)
+    check_lamps([view.photograph for view in views], levels[0], hull)
+    return levels, hull
+
+
+def _descent(
+    views: Sequence[ObjectView],
+    lattice: Lattice,
+    field: DistanceField,
+    gloss: NDArray[np.float64],
+    settings: RecoverySettings,
+    last: bool,
+) -> Descent:
     """The descent of a level."""
-
-    lattice: Lattice
-    descent: Descent
-
-
-def _begun(
-    views: Sequence[View], lattice: Lattice, before: _State | None, settings: RecoverySettings, last: bool
-) -> _State:
-    """The descent of a level, from the hull or from the field of the coarser one."""
     photographs = [view.photograph for view in views]
     nearest = min(float(np.linalg.norm(p.camera.position - lattice.middle)) for p in photographs)
     foot = lattice.voxel * max(min(p.camera.focal) for p in photographs) / nearest
     reduced = [view.reduced(max(1, int(foot / FOOTPRINT))) for view in views]
     require(BYTES_PER_PIXEL * sum(float(v.share.size) for v in reduced), "the pixels of all photographs")
     bright = [np.percentile(v.photograph.values[v.photograph.mask], 99.0) for v in reduced if v.photograph.mask.any()]
-    pixels = Pixels(reduced, lattice, LAST_MODEL_ERROR if last else MODEL_ERROR, float(np.median(bright)))
-    if before is None:
-        hull = hull_distance(photographs, [v.share for v in views], lattice, views[0].stated)
-        if views[0].stated:
-            check_all_show_it(photographs, [v.share for v in views], lattice, hull)
-        check_lamps(photographs, lattice, hull)
-        field, gloss = DistanceField(redistanced(hull), np.full((*lattice.shape, COLOURS), 0.4)), coordinates(*START)
-    else:
-        field = finer(before.descent.field, before.lattice, lattice)
-        gloss = np.array(before.descent.shading.gloss, np.float64)
-    lamps = LampTable(photographs, lattice)
-    return _State(lattice, Descent(field, pixels, lamps, gloss, settings.seed + max(lattice.shape), settings.shadows))
+    pixels = PixelTable(reduced, lattice, LAST_MODEL_ERROR if last else MODEL_ERROR, float(np.median(bright)))
+    seed = settings.seed + max(lattice.shape)
+    return Descent(field, pixels, LampTable(photographs, lattice), gloss, seed, settings.shadows)
 
 
 def finer(field: DistanceField, coarser: Lattice, lattice: Lattice) -> DistanceField:

@@ -5,29 +5,26 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.files.record import written_by
+from hagoromo.files.whole import whole_file
+from hagoromo.light.colour import srgb_encode
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.recovery.distance_field import DistanceField
 from hagoromo.recovery.evidence import Evidence
 from hagoromo.recovery.lamp_table import LampTable
 from hagoromo.recovery.lattice import Lattice
+from hagoromo.recovery.object_view import ObjectView
 from hagoromo.recovery.rendering import Rendering
-from hagoromo.recovery.shading import Shading, figures
+from hagoromo.recovery.shading import SurfaceShading, figures
 
 if TYPE_CHECKING:
     from hagoromo.volume.box import VolumeBox
-
-
-class Kept(NamedTuple):
-    """A photograph that was kept aside, and the object's silhouette (h, w) in it."""
-
-    photograph: Photograph
-    silhouette: NDArray[np.bool_]
 
 
 class Score(NamedTuple):
@@ -49,6 +46,17 @@ class RecoveredMesh(NamedTuple):
     normals: NDArray[np.float64]
     colours: NDArray[np.float64]
 
+    def save(self, path: str | Path, force: bool = False) -> Path:
+        """Write the mesh as PLY, with normals and sRGB colours of its vertices; `InputError` where `path` exists."""
+        import trimesh
+
+        colours = srgb_encode(np.clip(self.colours, 0.0, 1.0))
+        parts = {"vertex_normals": self.normals, "vertex_colors": colours, "process": False}
+        made = trimesh.Trimesh(self.vertices, self.faces, **parts)
+        with whole_file(path, force) as partial:
+            made.export(partial, file_type="ply")
+        return Path(path)
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Recovered:
@@ -57,8 +65,8 @@ class Recovered:
     lattice: where nodes are. distance: (nz, ny, nx) signed distance [voxel], negative inside. colours: (nz, ny, nx, 3)
     body colours, as the camera reads them relative to a white plane under the lamp: albedos. gloss: ln β, ln γ,
     ln(n − 1). softness: s [voxel]. photographs: those that it was recovered from; kept: those kept aside. lit: whether
-    their lamps are known; if not, colours are the light that the surface sends out. complete: False where it was
-    interrupted. stated: whether masks stated silhouettes. evidence: how well they are known; None where interrupted.
+    their lamps are known; if not, colours are the light that the surface sends out. stated: whether masks stated
+    silhouettes. evidence: how well all is known; None where the recovery was interrupted.
     """
 
     lattice: Lattice
@@ -67,11 +75,10 @@ class Recovered:
     gloss: NDArray[np.float64]
     softness: float
     photographs: tuple[Photograph, ...]
-    kept: tuple[Kept, ...]
+    kept: tuple[ObjectView, ...]
     lit: bool
     settings: Mapping[str, Any] = field(default_factory=dict)
     name: str = ""
-    complete: bool = True
     assumptions: Mapping[str, str] = field(default_factory=dict)
     stated: bool = True
     evidence: Evidence | None = None
@@ -79,6 +86,11 @@ class Recovered:
     def __repr__(self) -> str:
         nodes = " × ".join(str(n) for n in self.lattice.shape[::-1])
         return f"Recovered({self.name!r}, {nodes} nodes of {1e3 * self.lattice.voxel:.3g} mm)"
+
+    @property
+    def complete(self) -> bool:
+        """Whether the recovery came to its end; it was interrupted otherwise."""
+        return self.evidence is not None
 
     @property
     def beta(self) -> float:
@@ -99,7 +111,7 @@ class Recovered:
     def rendering(self) -> Rendering:
         """The field on the device."""
         held = DistanceField(self.distance, self.colours)
-        shading = Shading(LampTable(self.photographs[:1], self.lattice), self.gloss)
+        shading = SurfaceShading(LampTable(self.photographs[:1], self.lattice), self.gloss)
         return Rendering(held, shading, self.softness, bool(self.settings.get("shadows", True)))
 
     def picture(self, photograph: Photograph) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

@@ -8,21 +8,21 @@ import drjit as dr
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.backend import Array3f, Float, arrays, lookup
+from hagoromo.backend import Array3f, Float, arrays, column
 from hagoromo.matter.shape import unit
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.recovery.distance_field import COLOURS, DistanceField
 from hagoromo.recovery.lamp_table import LampTable
 from hagoromo.recovery.lattice import Lattice
-from hagoromo.recovery.shading import Shading
-from hagoromo.recovery.surface_march import Rays, Seen, SurfaceMarch
-from hagoromo.recovery.views import Drawn, span
+from hagoromo.recovery.shading import SurfaceShading
+from hagoromo.recovery.surface_march import LatticeRays, Seen, SurfaceMarch
+from hagoromo.recovery.pixel_table import Drawn, span
 
 OPAQUE = 1e-2  # optical depth of rays that count as hits
 INSIDE = 1.0  # [voxel] from the edge of the lattice where shadow rays end
 
 
-class Light:
+class SeenLight:
     """What rays see. seen: without shadows. passed: share of each lamp's light that arrives. channels: of the sum."""
 
     def __init__(self, seen: Seen, passed: list[Float]) -> None:
@@ -44,7 +44,7 @@ class Rendering:
     anew in each step, and held in it.
     """
 
-    def __init__(self, field: DistanceField, shading: Shading, softness: float, shadows: bool = True) -> None:
+    def __init__(self, field: DistanceField, shading: SurfaceShading, softness: float, shadows: bool = True) -> None:
         self.field, self.shading, self.shadows = field, shading, shadows
         self.softness = softness
 
@@ -58,13 +58,13 @@ class Rendering:
         self._softness = s
         self.march = SurfaceMarch(self.field, dr.opaque(arrays().Float, 1.0 / s), self.shading)
 
-    def light(self, drawn: Drawn) -> Light:
+    def light(self, drawn: Drawn) -> SeenLight:
         """The light of some pixels."""
         self.shading.photograph = drawn.photograph
         with dr.suspend_grad():
             seen = self.march.seen(drawn.rays)
             dr.eval(seen)
-            return Light(seen, self._passed(drawn, seen))
+            return SeenLight(seen, self._passed(drawn, seen))
 
     def _passed(self, drawn: Drawn, seen: Seen) -> list[Float]:
         jit, lamps = arrays(), self.shading.lamps
@@ -75,7 +75,7 @@ class Rendering:
         for k in range(lamps.each):
             to_lamp, distance, _ = lamps.arriving(drawn.photograph, k, place)
             far = dr.select(seen.depth > OPAQUE, dr.fmin(distance, self._to_edge(place, to_lamp)), 0.0)
-            shares.append(self.march.transmittance(Rays(place, to_lamp, jit.Float(0), far)))
+            shares.append(self.march.transmittance(LatticeRays(place, to_lamp, jit.Float(0), far)))
             dr.eval(shares[-1])
         return shares
 
@@ -106,7 +106,7 @@ class Rendering:
 
     def _of(self, photograph: Photograph, lattice: Lattice) -> Rendering:
         """The same surface under the lamps of a photograph."""
-        shading = Shading(LampTable([photograph], lattice), np.array(self.shading.gloss))
+        shading = SurfaceShading(LampTable([photograph], lattice), np.array(self.shading.gloss))
         return Rendering(self.field, shading, self.softness, self.shadows)
 
 
@@ -115,13 +115,12 @@ def whole_picture(photograph: Photograph, lattice: Lattice) -> Drawn:
     jit, camera = arrays(), photograph.camera
     directions, origin = camera.pixel_directions(), lattice.from_world(camera.position)
     near, far = span(origin, directions, lattice)
-    count = near.size
 
-    def column(values: Any) -> Float:
-        return lookup(jit.Float, np.ascontiguousarray(np.broadcast_to(values, near.shape).ravel(), np.float32))
+    def of_pixels(values: Any) -> Float:
+        return column(jit.Float, np.broadcast_to(values, near.shape).astype(np.float32))
 
-    begin = jit.Array3f(*(column(x) for x in origin))
-    way = jit.Array3f(*(column(directions[..., k]) for k in range(3)))
-    rays = Rays(begin, way, column(near), column(np.maximum(far, near)))
-    nothing = column(0.0)
-    return Drawn(rays, dr.zeros(jit.UInt, count), [nothing] * 3, [nothing] * 3, nothing, nothing)
+    begin = jit.Array3f(*(of_pixels(x) for x in origin))
+    way = jit.Array3f(*(of_pixels(directions[..., k]) for k in range(3)))
+    rays = LatticeRays(begin, way, of_pixels(near), of_pixels(np.maximum(far, near)))
+    nothing = of_pixels(0.0)
+    return Drawn(rays, dr.zeros(jit.UInt, near.size), [nothing] * 3, [nothing] * 3, nothing, nothing)

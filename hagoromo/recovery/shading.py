@@ -1,4 +1,4 @@
-"""Shading: what a place of the surface sends to the eye under the lamps of its photograph."""
+"""SurfaceShading: what a place of the surface sends to the eye under the lamps of its photograph."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from hagoromo.reflectance.torrance_sparrow import torrance_sparrow
 
 ALPHA = 1.0 / np.pi  # [1/sr]: body colours are then albedos
 FADE = 0.1  # cosθ_r below which light fades to 0: a sudden end has no derivative (6°)
-GLOSS = ("beta", "gamma", "n")  # what `Shading.gloss` holds, as ln β, ln γ, ln(n − 1)
+GLOSS = ("beta", "gamma", "n")  # what `SurfaceShading.gloss` holds, as ln β, ln γ, ln(n − 1)
 START = (0.5, 0.25, 1.5)
 
 
@@ -27,7 +27,7 @@ def figures(gloss: np.ndarray) -> tuple[float, float, float]:
     return float(beta), float(gamma), float(1.0 + n1)
 
 
-class Shading:
+class SurfaceShading:
     """Light of every lamp and colour, without shadows.
 
     lamps: those of all photographs. gloss: Float (3,), see `coordinates`, one material's. Without lamps body colours

@@ -10,27 +10,28 @@ from scipy import ndimage
 
 from hagoromo.errors import InputError
 from hagoromo.photograph.photograph import Photograph
+from hagoromo.recovery.object_view import ObjectView
 
 DARK_EDGE = 0.25  # share of bright pixels at the edge of a picture up to which its background counts as dark
 
 
-def silhouettes_of(photographs: Sequence[Photograph]) -> tuple[list[NDArray[np.bool_]], bool]:
-    """The silhouette (h, w) of each photograph, and whether masks or transparency state them.
+def views_of(photographs: Sequence[Photograph]) -> list[ObjectView]:
+    """The photographs with the silhouettes that masks or transparency state.
 
     Without masks in all photographs it is what is brighter than the dark background; shadows of the object on itself
     may then be missing from it. `InputError` where a background is not dark, or a silhouette is empty.
     """
-    if all(p.silhouette is not None for p in photographs):
-        stated = [np.asarray(p.silhouette) for p in photographs]
-        for photograph, silhouette in zip(photographs, stated, strict=True):
-            if not silhouette.any():
-                raise InputError(f"the mask of photograph {photograph.name!r} is empty: it must be white on the object")
-        return stated, True
-    return [_bright(photograph) for photograph in photographs], False
+    stated = [p.silhouette for p in photographs if p.silhouette is not None]
+    if len(stated) < len(photographs):
+        return [ObjectView(photograph, _bright(photograph), False) for photograph in photographs]
+    for photograph, silhouette in zip(photographs, stated, strict=True):
+        if not silhouette.any():
+            raise InputError(f"the mask of photograph {photograph.name!r} is empty: it must be white on the object")
+    return [ObjectView(*each) for each in zip(photographs, stated, strict=True)]
 
 
 def _bright(photograph: Photograph) -> NDArray[np.bool_]:
-    """Pixels that are brighter than a dark background, by Otsu's threshold of √light."""
+    """PixelTable that are brighter than a dark background, by Otsu's threshold of √light."""
     from skimage.filters import threshold_otsu
 
     light = np.sqrt(np.maximum(photograph.values.max(axis=2), 0.0))

@@ -23,10 +23,9 @@ LEAST_STEP, LARGEST_STEP = 1.4, 64.0  # [voxel]
 STEP_SHARE = 0.9  # of the distance, that a step goes: the distance is not exact
 LEAST_DEPTH = 1e-3  # optical depth of a piece that counts
 LAST_DEPTH = 7.0  # optical depth at which a ray ends
-MOST_STEPS = 400
 
 
-class Rays(NamedTuple):
+class LatticeRays(NamedTuple):
     """origin: Array3f, lattice. direction: unit. near, far: Float [voxel]."""
 
     origin: Array3f
@@ -81,27 +80,27 @@ def step_length(distance: Float, inverse: Float) -> Float:
 
 
 class SurfaceMarch:
-    """field: what rays meet. inverse: 1/s [1/voxel], Float. shading: see `Shading`."""
+    """field: what rays meet. inverse: 1/s [1/voxel], Float. shading: see `SurfaceShading`."""
 
     def __init__(self, field: DistanceField, inverse: Float, shading: Any) -> None:
         self.field, self.inverse, self.shading = field, inverse, shading
 
-    def piece(self, rays: Rays, begin: Float, length: Float, first: Float, second: Float) -> list[Float]:
+    def piece(self, rays: LatticeRays, begin: Float, length: Float, first: Float, second: Float) -> list[Float]:
         """Light of every lamp and colour of a piece, per unit of its opacity."""
         place = self.place(rays, begin, length, first, second)
         return self.light(rays, place, self.field.slope_at(place), self.field.colours_at(place))
 
-    def place(self, rays: Rays, begin: Float, length: Float, first: Float, second: Float) -> Array3f:
+    def place(self, rays: LatticeRays, begin: Float, length: Float, first: Float, second: Float) -> Array3f:
         """Where the light of a piece comes from on the mean."""
         return dr.fma(rays.direction, dr.fma(share_of(first, second, self.inverse), length, begin), rays.origin)
 
-    def light(self, rays: Rays, place: Array3f, slope: Array3f, colours: list[Float]) -> list[Float]:
+    def light(self, rays: LatticeRays, place: Array3f, slope: Array3f, colours: list[Float]) -> list[Float]:
         """Light of every lamp and colour that matter of this slope and these colours sends back along a ray."""
         normal = slope * dr.rsqrt(dr.fmax(dr.squared_norm(slope), 1e-12))
         return self.shading(place, normal, -rays.direction, colours)
 
     @dr.syntax
-    def seen(self, rays: Rays) -> Seen:
+    def seen(self, rays: LatticeRays) -> Seen:
         """What rays see, without shadows."""
         jit, count = arrays(), dr.width(rays.direction)
         light = [dr.zeros(jit.Float, count) for _ in range(self.shading.channels)]
@@ -123,7 +122,7 @@ class SurfaceMarch:
         return Seen(light, depth, way / dr.fmax(weights, 1e-6))
 
     @dr.syntax
-    def transmittance(self, rays: Rays) -> Float:
+    def transmittance(self, rays: LatticeRays) -> Float:
         """Share of light that passes along rays."""
         jit, count = arrays(), dr.width(rays.direction)
         depth = dr.zeros(jit.Float, count)
@@ -138,7 +137,7 @@ class SurfaceMarch:
         return dr.exp(-depth)
 
     @dr.syntax
-    def adjoint(self, rays: Rays, seen: Seen, by_light: list[Float], by_depth: Float) -> None:
+    def adjoint(self, rays: LatticeRays, seen: Seen, by_light: list[Float], by_depth: Float) -> None:
         """Adds to the gradients of the nodes and of the shading: those of Σ by_light · light + by_depth · depth.
 
         by_light: derivative of the loss by the light of every lamp and colour; by_depth: by the optical depth itself.
@@ -169,7 +168,7 @@ class SurfaceMarch:
 
     def _differentiated(
         self,
-        rays: Rays,
+        rays: LatticeRays,
         interval: tuple[Float, Float],
         ends: tuple[Float, Float],
         depths: tuple[Float, Float],

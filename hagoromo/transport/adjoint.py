@@ -58,7 +58,7 @@ class Sample:
         return sum((part.depth for part in self.parts[1:]), self.parts[0].depth)
 
 
-class Adjoint:
+class MarchAdjoint:
     """The march of a scene and its replay. A plain object: loops do not take its arrays into their state."""
 
     def __init__(
@@ -171,7 +171,7 @@ class Adjoint:
 
 
 @dr.syntax
-def _walk(adjoint: Adjoint, rays: Rays, behind: Float | None) -> tuple[list[Float], Float, list[Float]]:
+def _walk(adjoint: MarchAdjoint, rays: Rays, behind: Float | None) -> tuple[list[Float], Float, list[Float]]:
     """Along rays the channels, or their derivative where light `behind` is given; the optical depth; the derivative by
     what moves.
     """

@@ -81,10 +81,6 @@ class _Transmittances(dr.CustomOp):
         self.passed = shadows.transmittances(rays)
         return tuple(self.passed)
 
-    def forward(self) -> None:
-        """Not asked for."""
-        raise NotImplementedError
-
     def backward(self) -> None:
         """March each ray, and differentiate its steps."""
         by_all = self.grad_out()  # 0 where gradients are suspended

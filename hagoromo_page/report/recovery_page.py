@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from hagoromo.light.colour import delta_e_2000, srgb_encode
 from hagoromo.photograph.photograph import Photograph
-from hagoromo.recovery.recovered import Kept, Recovered
+from hagoromo.recovery.object_view import ObjectView
+from hagoromo.recovery.recovered import Recovered
 from hagoromo_page.report.page import page_picture, write_page
 from hagoromo_page.report.report_pictures import around, map_picture, nice
 
@@ -67,9 +68,9 @@ def _gloss(material: dict[str, Any]) -> list[list[str]]:
     return rows
 
 
-def _shown(recovered: Recovered, kept: Kept) -> dict[str, Any]:
+def _shown(recovered: Recovered, kept: ObjectView) -> dict[str, Any]:
     """A photograph that was kept aside, its prediction, and maps of what is between them."""
-    photograph, silhouette = kept
+    photograph, silhouette = kept.photograph, kept.silhouette
     light, _ = recovered.picture(photograph)
     values = photograph.values.astype(np.float64)
     values = np.repeat(values, 3, axis=2) if values.shape[2] == 1 else values

@@ -49,6 +49,20 @@ def test_a_box_is_a_scene_for_render(written, tmp_path):
     assert hg.read_image(tmp_path / "scene.exr").alpha.max() > 0.9
 
 
+def test_an_interrupt_writes_what_there_is_and_says_so(capture, tmp_path, monkeypatch, capsys):
+    from hagoromo.recovery.descent import Descent
+
+    def interrupted(*arguments):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Descent, "step", interrupted)
+    out = tmp_path / "part.zarr"
+    assert main(["recover", str(capture), "--out", str(out), *QUICK]) == 130
+    assert "interrupted" in capsys.readouterr().err
+    assert hg.VolumeBox.load(out).bricks.kept > 0
+    assert not json.loads(out.with_suffix(".json").read_text())["complete"]
+
+
 def test_nothing_that_is_there_is_replaced_without_force(capture, written, capsys):
     assert main(["recover", str(capture), "--out", str(written), *QUICK]) == 2
     assert "object.zarr" in capsys.readouterr().err

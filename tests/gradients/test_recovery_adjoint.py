@@ -7,7 +7,7 @@ import pytest
 from hagoromo.backend import arrays, lookup
 from hagoromo.recovery.distance_field import COLOURS, DistanceField
 from hagoromo.recovery.shading import faded
-from hagoromo.recovery.surface_march import Rays, SurfaceMarch, depth_between, share_of
+from hagoromo.recovery.surface_march import LatticeRays, SurfaceMarch, depth_between, share_of
 from hagoromo.reflectance.torrance_sparrow import torrance_sparrow
 
 SIDE, RAYS = 20, 400
@@ -57,7 +57,7 @@ def scene():
     direction = dr.normalize(
         jit.Array3f(column(random.normal(0, 0.05, RAYS)), column(np.ones(RAYS)), column(np.zeros(RAYS)))
     )
-    rays = Rays(origin, direction, column(np.zeros(RAYS)), column(np.full(RAYS, 16.0)))
+    rays = LatticeRays(origin, direction, column(np.zeros(RAYS)), column(np.full(RAYS, 16.0)))
     weights = [column(random.normal(size=RAYS)) for _ in range(COLOURS)]
     march = SurfaceMarch(field, dr.opaque(jit.Float, 1.0 / 0.5), Glossy())
     dr.eval(rays, weights)
@@ -138,12 +138,12 @@ def test_optical_depth_and_mean_place_are_those_of_quadrature():
 
 
 def test_what_leaves_a_surface_is_not_in_its_own_way(scene):
-    """Rays from the surface outwards, to a lamp say, pass wholly."""
+    """LatticeRays from the surface outwards, to a lamp say, pass wholly."""
     _, march, _, _ = scene
     jit, middle = arrays(), 0.5 * (SIDE - 1)
     way = np.random.default_rng(7).normal(size=(3, 200))
     way /= np.linalg.norm(way, axis=0)
     start = middle + way * 5.6
     direction, origin = (jit.Array3f(*(column(each) for each in part)) for part in (way, start))
-    passed = np.array(march.transmittance(Rays(origin, direction, jit.Float(0.0), column(np.full(200, 3.0)))))
+    passed = np.array(march.transmittance(LatticeRays(origin, direction, jit.Float(0.0), column(np.full(200, 3.0)))))
     assert passed.min() > 0.98

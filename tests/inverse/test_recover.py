@@ -7,7 +7,7 @@ import pytest
 
 import hagoromo as hg
 from hagoromo.image.relight.stage import basis_camera
-from hagoromo.recovery.export import conserving, write_mesh
+from hagoromo.recovery.export import conserving
 from hagoromo.recovery.recovered import score
 from studies.recover_scenes import Truth, shots, simulated
 
@@ -93,7 +93,7 @@ def test_the_mesh_is_closed_and_looks_outwards(recovered, tmp_path):
     import trimesh
 
     mesh = recovered.mesh()
-    write_mesh(tmp_path / "mesh.ply", mesh)
+    mesh.save(tmp_path / "mesh.ply")
     read = trimesh.load_mesh(tmp_path / "mesh.ply")
     assert read.is_watertight and read.volume > 0.0
     assert np.allclose(np.linalg.norm(mesh.normals, axis=1), 1.0, atol=1e-5)

@@ -177,22 +177,32 @@ def coarse_factor(camera: Camera) -> int:
     return max(int(np.ceil(np.sqrt(camera.height * camera.width / COARSE_PIXELS))), 1)
 
 
-def binned(photograph: Photograph, factor: int) -> Photograph:
-    """Means over squares of `factor` pixels, valid where all of them are; incomplete squares at the edges are cut."""
+def binned(photograph: Photograph, factor: int, least_valid: float = 1.0) -> Photograph:
+    """Means over the valid pixels of squares of `factor`, valid where a share of `least_valid` of them is, by default
+    all; incomplete squares at the edges are cut.
+    """
+    valid = photograph.mask[..., None]
+    share = means(photograph.mask, factor)
+    mask = share[..., 0] > least_valid - 1e-4
+    weight = np.where(share > 1.0 - 1e-4, 1.0, np.maximum(share, 1e-4))
+
+    def over_valid(image: NDArray) -> NDArray[np.float32]:
+        return means(np.where(valid, np.nan_to_num(image), 0.0), factor) / weight
+
+    values = np.where(mask[..., None], over_valid(photograph.values), 0.0)
+    variance = np.where(mask[..., None], over_valid(photograph.variance) / (weight * factor**2), 1.0)
+    camera = coarser(photograph.camera, factor)
+    return Photograph(values, variance, mask, camera, photograph.lamps, photograph.name)
+
+
+def means(image: NDArray, factor: int) -> NDArray[np.float32]:
+    """Means (h, w, …) over squares of `factor` pixels; incomplete squares at the edges are cut."""
     import cv2
 
-    camera = photograph.camera
-    height, width = camera.height // factor, camera.width // factor
-
-    def means(image: NDArray) -> NDArray[np.float32]:
-        cut = np.ascontiguousarray(image[: height * factor, : width * factor], np.float32)
-        small = cv2.resize(cut, (width, height), interpolation=cv2.INTER_AREA)
-        return np.asarray(small, np.float32).reshape(height, width, -1)
-
-    mask = means(photograph.mask)[..., 0] > 1.0 - 1e-4
-    values = np.where(mask[..., None], means(np.nan_to_num(photograph.values)), 0.0)
-    variance = np.where(mask[..., None], means(np.nan_to_num(photograph.variance)) / factor**2, 1.0)
-    return Photograph(values, variance, mask, coarser(camera, factor), photograph.lamps, photograph.name)
+    height, width = (length // factor for length in image.shape[:2])
+    cut = np.ascontiguousarray(image[: height * factor, : width * factor], np.float32)
+    small = cv2.resize(cut, (width, height), interpolation=cv2.INTER_AREA)
+    return np.asarray(small, np.float32).reshape(height, width, -1)
 
 
 def coarser(camera: Camera, factor: int) -> Camera:

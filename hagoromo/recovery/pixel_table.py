@@ -1,9 +1,8 @@
-"""Views: the pixels of all photographs on the device, of which descent draws some."""
+"""Pixel table: the pixels of all photographs on the device, of which descent draws some."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import drjit as dr
@@ -11,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.backend import Float, UInt, arrays, lookup
-from hagoromo.photograph.photograph import Photograph
 from hagoromo.recovery.hull import way_to
 from hagoromo.recovery.lattice import Lattice
-from hagoromo.recovery.surface_march import Rays
+from hagoromo.recovery.object_view import ObjectView
+from hagoromo.recovery.surface_march import LatticeRays
 
 CHUNK = 16  # pixels that are drawn together: neighbours, so that their rays meet the same matter
 TILE = 4  # px, side of such a neighbourhood
@@ -23,42 +22,10 @@ AT_EDGE = 0.1  # weight of the silhouette's edge, which is known to half a pixel
 INSIDE = 1.5  # nodes from the edge of the lattice where rays begin: a spline needs neighbours
 
 
-@dataclass(frozen=True, eq=False)
-class View:
-    """A photograph with its silhouette; `share` (h, w): of each pixel that lies in it, 0…1. stated: by a mask."""
-
-    photograph: Photograph
-    share: NDArray
-    stated: bool = True
-
-    def reduced(self, factor: int) -> View:
-        """With pixels that are means of factor × factor valid ones."""
-        if factor == 1:
-            return self
-        p = self.photograph
-        h, w = (n // factor for n in p.values.shape[:2])
-
-        def summed(values: NDArray) -> NDArray:
-            cut = values[: h * factor, : w * factor]
-            return cut.reshape(h, factor, w, factor, *values.shape[2:]).sum(axis=(1, 3))
-
-        used = p.mask[..., None].astype(np.float64)
-        count = summed(used)
-        some = np.maximum(count, 1.0)
-        values = summed(np.where(used > 0, p.values, 0.0)) / some
-        variance = summed(np.where(used > 0, p.variance, 0.0)) / some**2
-        mask = count[..., 0] >= 0.75 * factor**2
-        variance = np.where(mask[..., None], variance, 1.0)
-        camera = replace(p.camera.resampled(w, h, (factor, factor)), sensor=None)
-        single = values.astype(np.float32), variance.astype(np.float32)
-        photograph = Photograph(*single, mask, camera, p.lamps, p.name)
-        return View(photograph, summed(self.share.astype(np.float64)) / factor**2, self.stated)
-
-
 class Drawn(NamedTuple):
     """Some pixels: rays, number of photograph, values and weights of 3 channels, silhouette and its weight."""
 
-    rays: Rays
+    rays: LatticeRays
     photograph: UInt
     values: list[Float]
     weights: list[Float]
@@ -66,10 +33,10 @@ class Drawn(NamedTuple):
     share_weight: Float
 
 
-class Pixels:
+class PixelTable:
     """All pixels of some views near the object. model_error: relative error of the model, beside the noise."""
 
-    def __init__(self, views: Sequence[View], lattice: Lattice, model_error: float, scale: float) -> None:
+    def __init__(self, views: Sequence[ObjectView], lattice: Lattice, model_error: float, scale: float) -> None:
         """scale: value of a bright pixel; model_error is of it, too."""
         columns: list[list[NDArray]] = []
         for number, view in enumerate(views):
@@ -91,22 +58,22 @@ class Pixels:
         index = first * CHUNK + lane % CHUNK
         photograph = dr.gather(jit.UInt, self.photograph, index)
         x, y, z, near, far, *rest = (dr.gather(jit.Float, each, index) for each in self.table)
-        rays = Rays(dr.gather(jit.Array3f, self.eyes, photograph), jit.Array3f(x, y, z), near, far)
+        rays = LatticeRays(dr.gather(jit.Array3f, self.eyes, photograph), jit.Array3f(x, y, z), near, far)
         drawn = Drawn(rays, photograph, rest[:3], rest[3:6], rest[6], rest[7])
         dr.eval(drawn)
         return drawn
 
 
-def _pixels_of(view: View, number: int, lattice: Lattice, model_error: float, scale: float) -> list[NDArray]:
+def _pixels_of(view: ObjectView, number: int, lattice: Lattice, model_error: float, scale: float) -> list[NDArray]:
     """Number of the photograph, then columns of the table, of the pixels of a view near the object."""
     p = view.photograph
     camera, w = p.camera, p.values.shape[1]
     directions = camera.pixel_directions()
     origin = lattice.from_world(camera.position)
     near, far = span(origin, directions, lattice)
-    distance = np.linalg.norm(0.5 * (lattice.corner + lattice.high) - camera.position)
+    distance = np.linalg.norm(lattice.middle - camera.position)
     beside = int(np.ceil(BESIDE * lattice.voxel * min(camera.focal) / distance)) + 1
-    outside = view.share < 0.5
+    outside = ~view.silhouette
     used = (far > near) & ~outside.all()
     if view.stated:
         used &= way_to(~outside) <= beside
