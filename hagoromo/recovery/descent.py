@@ -11,9 +11,9 @@ from hagoromo.progress import Progress, silent
 from hagoromo.recovery.distance_field import COLOURS, DistanceField
 from hagoromo.recovery.hull import redistanced
 from hagoromo.recovery.lamp_table import LampTable
+from hagoromo.recovery.pixel_table import CHUNK, Drawn, PixelTable
 from hagoromo.recovery.rendering import Rendering, SeenLight
 from hagoromo.recovery.shading import SurfaceShading
-from hagoromo.recovery.pixel_table import CHUNK, Drawn, PixelTable
 
 BAND = 3.0  # voxels from the surface within which nodes move
 CHOOSE_EVERY, LAST_CHOICE = 30, 0.8  # steps after which moving nodes are chosen anew; share of the steps until then
@@ -177,7 +177,7 @@ def gloss_step(rendering: Rendering, drawn: Drawn, copies: float) -> NDArray[np.
 def gloss_normal_equations(
     rendering: Rendering, drawn: Drawn, base: SeenLight, copies: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Jᵀ W J (3, 3) and Jᵀ W r (3,) of the gloss, by differences from the light `base`, and J (pixels · 3, 3) times √W."""
+    """Jᵀ W J (3, 3) and Jᵀ W r (3,) of the gloss, and J (pixels · 3, 3) times √W, by differences from light `base`."""
     rest = [value - light for value, light in zip(drawn.values, base.channels, strict=True)]
     weight = robust(drawn, rest)
     roots = [np.sqrt(np.maximum(np.array(w * weight, np.float64), 0.0)) for w in drawn.weights]

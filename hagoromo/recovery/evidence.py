@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from hagoromo.backend import Float
 from hagoromo.recovery.descent import N_SPREAD, Descent, gloss_normal_equations
 from hagoromo.recovery.distance_field import COLOURS
-from hagoromo.recovery.shading import GLOSS, figures
 from hagoromo.recovery.pixel_table import CHUNK, Drawn
+from hagoromo.recovery.shading import GLOSS, figures
 
 AT_ONCE = 1 << 12  # chunks
 MOST_CHUNKS = 1 << 16  # that are looked at: more would not say more

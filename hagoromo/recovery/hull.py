@@ -11,8 +11,8 @@ from scipy import ndimage
 
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
-from hagoromo.recovery.object_view import ObjectView
 from hagoromo.recovery.lattice import Lattice
+from hagoromo.recovery.object_view import ObjectView
 
 Array = NDArray[np.float64]
 COARSE = 48  # nodes along an edge while the box is looked for

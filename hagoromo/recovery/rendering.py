@@ -14,9 +14,9 @@ from hagoromo.photograph.photograph import Photograph
 from hagoromo.recovery.distance_field import COLOURS, DistanceField
 from hagoromo.recovery.lamp_table import LampTable
 from hagoromo.recovery.lattice import Lattice
+from hagoromo.recovery.pixel_table import Drawn, span
 from hagoromo.recovery.shading import SurfaceShading
 from hagoromo.recovery.surface_march import LatticeRays, Seen, SurfaceMarch
-from hagoromo.recovery.pixel_table import Drawn, span
 
 OPAQUE = 1e-2  # optical depth of rays that count as hits
 INSIDE = 1.0  # [voxel] from the edge of the lattice where shadow rays end

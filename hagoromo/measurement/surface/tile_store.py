@@ -187,7 +187,7 @@ def binned(photograph: Photograph, factor: int, least_valid: float = 1.0) -> Pho
     weight = np.where(share > 1.0 - 1e-4, 1.0, np.maximum(share, 1e-4))
 
     def over_valid(image: NDArray) -> NDArray[np.float32]:
-        return means(np.where(valid, np.nan_to_num(image), 0.0), factor) / weight
+        return np.asarray(means(np.where(valid, np.nan_to_num(image), 0.0), factor) / weight, np.float32)
 
     values = np.where(mask[..., None], over_valid(photograph.values), 0.0)
     variance = np.where(mask[..., None], over_valid(photograph.variance) / (weight * factor**2), 1.0)
