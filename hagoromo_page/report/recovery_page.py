@@ -77,7 +77,7 @@ def _shown(recovered: Recovered, kept: ObjectView) -> dict[str, Any]:
     there = photograph.mask & silhouette & np.isfinite(values).all(axis=2)
     white = max(float(np.percentile(values[there].max(axis=1), WHITE_PERCENTILE)), 1e-30)
     crop = around(silhouette)
-    truth, found = np.where(photograph.mask[..., None], values, 0.0) / white, light / white
+    truth, found = np.nan_to_num(values) / white, light / white
     delta = np.where(there, delta_e_2000(np.clip(found, 0.0, 1.0), np.clip(truth, 0.0, 1.0)), 0.0)
     difference = 100.0 * (found - truth).mean(axis=2)
     limit = nice(float(np.percentile(np.abs(difference[there]), SCALE_PERCENTILE)))
