@@ -62,6 +62,7 @@ def cloud_in_glass():
     return hg.Scene(camera(), (), (box_of_cloud(TAU),), (ball_of(AROUND, "glass"),), environment=sky()), theirs
 
 
+@pytest.mark.by_night("cloud_in_glass")
 @pytest.mark.parametrize("made", [balls, cloud_in_glass])
 def test_mirrors_and_glass_show_what_mitsuba_shows(made):
     scene, theirs = made()

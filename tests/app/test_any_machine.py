@@ -201,6 +201,7 @@ file = "häut α.zarr"
 """
 
 
+@pytest.mark.nightly
 @pytest.mark.skipif(not Path("/proc/self/maps").exists(), reason="which files are open is read from /proc")
 def test_commands_run_where_windows_limits_are_imitated(tmp_path, recipe):
     """Twice each: what a command leaves open, it could not replace. The folder has a space and letters beyond 1252."""

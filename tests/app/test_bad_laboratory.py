@@ -73,6 +73,7 @@ def test_lamps_in_one_plane_with_the_scene_are_refused(refused, tmp_path):
     assert "lie in one plane with the scene: move one out of it" in said
 
 
+@pytest.mark.nightly
 @pytest.mark.filterwarnings("default")  # it is shown, not raised
 def test_a_photograph_that_moved_is_told_by_how_much(tmp_path, capsys):
     """The measurement goes on, as the others may do; to 0.5 px."""

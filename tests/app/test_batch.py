@@ -171,6 +171,7 @@ out = "boxed.exr"
     assert run(recipe=home / "boxed_batch.toml")[1] == ["2 steps: 2 done"]
 
 
+@pytest.mark.nightly
 def test_steps_under_way_are_bounded_by_the_workers(tmp_path):
     """Two thousand captures of two steps: eight are under way at any time, each when what it needs is done."""
     for number in range(2_000):

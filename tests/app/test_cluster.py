@@ -71,6 +71,7 @@ def pids(cluster: Cluster) -> set[int]:
     return set(cluster.client.run(os.getpid).values())
 
 
+@pytest.mark.nightly
 def test_frames_of_a_film_have_the_bits_of_one_machine(slab, address, tmp_path):
     """Rendered by two processes, each of which keeps the scene from one frame to the next."""
     turn = Turn(4, camera=True, lamps=True)
@@ -209,6 +210,7 @@ def test_a_batch_goes_on_when_a_worker_is_killed(scene, cluster, address, tmp_pa
         assert tiled.state != "done" or tiled.out.read_bytes() == whole.out.read_bytes()
 
 
+@pytest.mark.nightly
 def test_a_study_has_the_bits_of_one_machine(address, tmp_path, monkeypatch):
     """Simulations with seeds of their own."""
     monkeypatch.setattr(coverage, "BENCHES", {"three lamps": BENCHES["three lamps"]})
@@ -350,6 +352,7 @@ def test_two_clusters_of_one_machine_stand_side_by_side_on_loopback(cluster):
     assert listening == {"127.0.0.1"}
 
 
+@pytest.mark.nightly
 def test_a_task_of_which_workers_die_is_one_line_and_the_next_one_runs(cluster, monkeypatch):
     monkeypatch.setattr(cluster.client.cluster.scheduler, "allowed_failures", 0)
     with pytest.raises(

@@ -72,6 +72,7 @@ def page(out):
     return (out / "report.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.nightly
 def test_the_truth_is_inside_the_intervals_as_often_as_they_claim(out):
     """28 intervals of 95 %: so few inside have a probability of 1e-3 at least, if all are right (seed fixed)."""
     record = read_json(out / "results.json")

@@ -229,6 +229,7 @@ def test_frames_build_nothing_twice(turning, tmp_path, monkeypatch):
     assert sorted(built) == ["Medium", "load_box", "mapped_attenuation", "mapped_attenuation"]  # one for the exposure
 
 
+@pytest.mark.by_night("full")
 @pytest.mark.parametrize("mode", ["full", "path"])
 def test_a_film_has_all_orders_of_light_and_solves_them_once_for_all_cameras(turning, tmp_path, monkeypatch, mode):
     """Of a grey slab, so that there is one band; each frame is what render gives of its tables."""

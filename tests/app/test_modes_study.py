@@ -18,6 +18,7 @@ def scene_of(name, sources):
     return hg.Scene(camera, (hg.Lamp(to_lamp=(0, -1, 0.5)),), (box,))
 
 
+@pytest.mark.nightly
 def test_a_scene_is_kept_and_shown_on_the_page(monkeypatch, tmp_path):
     monkeypatch.setattr(modes, "scene_of", scene_of)
     modes.rendered("skin", SOURCES, tmp_path, walks=64)

@@ -1,5 +1,7 @@
 """The tool that changes numbers of laws: what it changes, and what is noticed."""
 
+import pytest
+
 from tests.mutants import HOME, drawn, mutants_of, nearest_tests, survives
 
 SOURCE = '''"""A law with 3 numbers."""
@@ -23,6 +25,7 @@ def test_the_page_says_which_tests_are_near():
     assert len(drawn(near, 10, 1)) == 10 and drawn(near, 10, 1) == drawn(near, 10, 1) != drawn(near, 10, 2)
 
 
+@pytest.mark.nightly
 def test_a_mutant_is_noticed_or_survives(tmp_path):
     (tmp_path / "law.py").write_text("TWO = 2\nUNUSED = 5\n")
     (tmp_path / "test_law.py").write_text("from law import TWO\ndef test_two():\n    assert TWO == 2\n")

@@ -10,6 +10,7 @@ ROUGH = {"width_mm": 1.2, "height_mm": 1.2, "voxel_mm": 0.12}
 DENSE = 60.0  # [1/m], of a box of 0.2 m
 
 
+@pytest.mark.nightly
 def test_the_study_says_how_far_modes_are_apart(monkeypatch, tmp_path):
     subject = orders.SUBJECTS["linen"]._replace(changed=orders.WHITE_LINEN | ROUGH, field_mm=1.0)
     monkeypatch.setattr(orders, "SUBJECTS", {"linen": subject})

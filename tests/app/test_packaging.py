@@ -141,6 +141,7 @@ def test_the_list_of_parts_names_what_is_installed(dist):
     assert extras["viser"] == {"view", "dev"} and extras["vtk"] == {"vtk", "bench"} and extras["numpy"] == set()
 
 
+@pytest.mark.nightly
 def test_the_sdist_builds_the_same_wheel(dist, tmp_path):
     with tarfile.open(dist[1]) as archive:
         archive.extractall(tmp_path, filter="data")

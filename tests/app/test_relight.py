@@ -83,6 +83,7 @@ def figures(folder: Path, key: str = "boxes", number: int = 0):
     return json.loads((folder / "relit.json").read_text())[number]["compared"][key]
 
 
+@pytest.mark.nightly
 def test_volume_boxes_show_what_a_lamp_and_a_spectrum_that_were_not_measured_show(relit):
     """To 9.2 % and 2.5 ΔE00: the small ball's outline and shadow are 2.5 % of the pixels, and off by a fifth of white
     as edges a voxel wide are (8.6 % when shadows beside walls still ended up to three voxels early: since then the
@@ -134,6 +135,7 @@ def test_the_files_are_for_compare(relit, capsys):
     assert page.count("<img") == 7 and "ΔE00" in page and f"{100 * figures(relit)['relative_rmse']:.1f} %" in page
 
 
+@pytest.mark.nightly
 def test_another_camera_sees_the_boxes_as_it_saw_the_object(capture, tmp_path):
     """20° aside, under a lamp of the capture: to 12 %, as under another lamp."""
     other = photographed(tmp_path, "other", OTHER_EYE, ["left"])

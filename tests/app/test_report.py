@@ -73,6 +73,7 @@ def test_the_report_of_a_measurement_is_harmless(tmp_path):
     assert "&lt;script&gt;" in text and "did not converge" not in text
 
 
+@pytest.mark.nightly
 def test_the_report_of_relit_photographs_is_harmless(tmp_path):
     picture = np.linspace(0.1, 0.9, 13 * 17 * 3).reshape(13, 17, 3)
     figures = Comparison(relative_rmse=0.1, delta_e_2000=1.0, psnr=None, ssim=0.9, peak=1.0, pixels=221)
@@ -128,6 +129,7 @@ def test_lambert_is_contradicted_only_beyond_the_error():
     assert "Lambert" in far and "Lambert" not in near
 
 
+@pytest.mark.nightly
 def test_a_report_of_many_photographs_stays_small(tmp_path):
     """48 photographs of noise, which no JPEG likes, within 5 MB; one of them within what it takes."""
     capture, measured = ball()

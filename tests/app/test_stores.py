@@ -173,6 +173,7 @@ def keeping(monkeypatch):
     monkeypatch.setattr(stores, "kept", stores.Kept())
 
 
+@pytest.mark.nightly
 def test_frames_of_a_film_fetch_a_box_once(bar, tmp_path, monkeypatch, keeping):
     """Two frames of one view under a lamp that moves; with nothing kept, twice as much."""
     (tmp_path / "frames").mkdir()
@@ -360,6 +361,7 @@ out = "b.nrrd"
 """
 
 
+@pytest.mark.nightly
 def test_a_batch_sees_that_a_box_in_a_store_has_changed(stored, tmp_path):
     """One that the recipe names; one that a scene names is digested alike."""
     _, address = stored

@@ -81,7 +81,7 @@ def test_a_wrong_message_is_one_line_and_the_viewer_goes_on(what):
     assert "not heeded: " in str(line.value) and said in str(line.value)
 
 
-@pytest.mark.by_night("view-scene.session-24")
+@pytest.mark.by_night("view-scene.session-8", "view-scene.session-24")
 @pytest.mark.parametrize(
     ("name", "count"), [("view-scene.session", 8), ("view-image.session", 12), ("view-scene.session", 24)]
 )

@@ -110,6 +110,7 @@ def test_eight_bits_keep_the_rounding_of_their_curve(tmp_path):
     np.testing.assert_allclose(shot.variance[:, 10:-10], inner + (2.0**-10.5 * light[:, 10:-10]) ** 2 / 12.0, rtol=0.1)
 
 
+@pytest.mark.nightly
 def test_memory_does_not_grow_with_the_photographs(tmp_path):
     """The peak of nine photographs is within 3 % of that of three; six more of them would be 1.3 MB of values.
 

@@ -93,6 +93,7 @@ def test_a_swap_is_one_node_of_another_type():
         assert len(roots) == (len(SWAPS) if name == "a.json" else 2)
 
 
+@pytest.mark.nightly
 def test_swaps_of_a_reader_are_tried_to_the_last():
     outcome = swapped(["camera-calibration.json"])
     assert not outcome.faults, report(outcome)

@@ -75,6 +75,7 @@ def difference(of, step):
     return (4.0 * near - far) / 3.0
 
 
+@pytest.mark.nightly
 def test_the_gradient_by_body_colours_is_the_difference_of_pictures():
     """Two boxes that light each other under lamps of two spectra, in two bands, a picture of weights: 1e-3 for the
     change of each body's spectrum; and linear in the picture.

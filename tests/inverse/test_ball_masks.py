@@ -22,6 +22,7 @@ def shown():
     return {f"{k}": mirror_photograph([ball], lamp, k) for k, lamp in enumerate(LAMPS)}, mask_of(ball)
 
 
+@pytest.mark.by_night("off0", "off2")
 @pytest.mark.parametrize("off", [(25, 0), (0, -18), (-30, 20)])
 def test_a_mask_beside_the_ball_is_refused_and_its_circle_offered(shown, off):
     """Before, the lamps were 12° off, with stated errors of 0.1–0.3°. The circle that is offered is the ball's."""

@@ -63,6 +63,7 @@ def test_two_balls_are_found_and_their_lamps_averaged(two):
         assert (np.abs(picture.astype(int) - colour).max(axis=2) < 40).sum() > 20
 
 
+@pytest.mark.nightly
 def test_two_balls_with_glare_agree_within_a_degree():
     """Streaks of half of white from every lamp: the issue has 2.5° between two balls by all light above half of the
     peak, and 0.6° by the blurred peak. Smaller balls than 40 px have no room for the blur.
@@ -75,6 +76,7 @@ def test_two_balls_with_glare_agree_within_a_degree():
     assert np.max(degrees_between(each[0], LAMPS)) < 1.0
 
 
+@pytest.mark.nightly
 def test_near_lamps_of_balls_that_were_found_are_placed():
     balls = [seen_through(CAMERA, np.array(place), 0.08) for place in ((-0.22, 0.02, 1.0), (0.24, -0.03, 1.1))]
     photographs = {f"{k}": mirror_photograph(balls, lamp, k, 0.06, position=True) for k, lamp in enumerate(NEAR)}

@@ -76,6 +76,7 @@ def test_pull_is_the_slope_of_chi_square_with_the_bodies_following():
     assert (np.linalg.eigvalsh(found.information) > -1e-6).all()
 
 
+@pytest.mark.nightly
 def test_worn_patch_and_drift_are_mapped(worn):
     """Decided beforehand: 90–99 % of the pixels within 1.96 errors; where told to 10 %, off by 12 % rms at most."""
     _, found = worn

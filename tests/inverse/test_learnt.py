@@ -105,6 +105,7 @@ def test_where_the_fit_is_right_nothing_is_learnt():
     assert found == pytest.approx(fitted, rel=0.05)
 
 
+@pytest.mark.nightly
 def test_what_boxes_show_learns_scattered_light():
     """Hard shadows are right, and scattered light is 0.04 of the body's: found in the shadows to 15 % (bodies have a
     part of it), as light that the fit has for the lamp's elsewhere; the error falls by a third or more.

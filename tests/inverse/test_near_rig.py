@@ -29,6 +29,7 @@ def test_simulated_normals_are_perpendicular_to_the_surface():
     np.testing.assert_allclose(truth.normals[known], offset / 0.12, atol=1e-6)
 
 
+@pytest.mark.nightly
 def test_a_step_that_no_normal_shows_is_measured_by_near_lamps():
     """A block 30 mm before a wavy sheet: its edges face away, so only direction and fall-off of the lamps tell it.
 

@@ -68,6 +68,7 @@ def test_what_an_orthographic_view_measures_is_as_good_as_its_noise(monkeypatch)
     assert abs(gamma - 0.15) < 0.5 * abs(gamma_near - 0.15)
 
 
+@pytest.mark.nightly
 def test_an_orthographic_view_is_relit_rendered_and_published(tmp_path):
     """By the commands, from the folder of the capture. The boxes of a lamp kept aside are as good as the fit's own
     forecast, the scene renders to the same picture, and the page of what was measured has its pixels.

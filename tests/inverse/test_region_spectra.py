@@ -144,6 +144,7 @@ def test_the_chart_is_found_alike_with_any_number_of_threads(session):
     assert np.abs(found[0][[0, 2]] - [top_left, bottom_right]).max() < 10.0
 
 
+@pytest.mark.nightly
 def test_the_page_measures_skin_from_a_chart_and_three_photographs(session):
     """Truth inside the 95 % bands at nine of ten wavelengths and more; ΔE00 below 0.5; skin is recognised."""
     out = session / "spectra"

@@ -165,6 +165,7 @@ def test_photographs_say_how_much_of_the_rig_holds(of_card):
     assert np.allclose(rig.strengths_at(lamps, place), found * of_card.strengths_at(lamps, place), atol=2e-3)
 
 
+@pytest.mark.nightly
 def test_photographs_show_how_far_lamps_depart():
     """Of a glossy ball, without a rig: strengths and fall-off over it to a quarter, a part of which its prior takes."""
     capture, (level, slope) = taken("ball", "ball", 3), truth(7)

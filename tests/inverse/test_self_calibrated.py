@@ -27,6 +27,7 @@ def rough_and_glossy(mask, normal, albedo, width):
     return shown
 
 
+@pytest.mark.nightly
 def test_gloss_and_roughness_tell_what_shading_alone_does_not():
     """1.5° in the mean and 3 % of strength with a gloss 17° wide, on a body, under light that the model does not know.
 

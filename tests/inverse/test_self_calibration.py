@@ -59,6 +59,7 @@ def test_lamps_are_found_from_a_matte_object_within_stated_errors(kind, gloss):
     assert found.convex > 0.9 and found.integrability < 0.2
 
 
+@pytest.mark.nightly
 def test_lamps_are_found_in_perspective_in_the_camera_s_world():
     """A ball that fills 40° of the view; as from afar its lamps would be off by 3.1° in the mean."""
     camera = Camera(SHAPE[1], SHAPE[0], (190.0, 190.0), (86.0, 74.0)).look_at((0.0, -1.0, 0.0), (0.0, 0.0, 0.0))

@@ -80,6 +80,7 @@ def test_gloss_that_varies_is_mapped_within_its_errors(mapped):
         assert 0.90 <= np.mean(np.abs(off[:, k]) < 1.96 * error[:, k]) <= 0.995
 
 
+@pytest.mark.by_night("1.5")
 def test_where_no_lamp_shows_the_highlight_the_material_s_gloss_stands(mapped):
     """No detail is made up there: the mean of the law with its spread, and the mean is the record of the material."""
     _, views, fit = mapped
@@ -135,6 +136,7 @@ def in_halves():
     return capture, views, with_solved_gloss(views, fit)
 
 
+@pytest.mark.nightly
 def test_tails_that_vary_are_mapped_within_their_errors(in_halves):
     """Two halves of ν 1.2 and 4; β and γ are the same all over, and stay so."""
     _, views, found = in_halves

@@ -26,7 +26,7 @@ def read(condition, diameter, seed=SEED, lamps=6):
     return angle, np.array([one.standard_error_deg for one in readings])
 
 
-@pytest.mark.by_night("scratched", "second")
+@pytest.mark.by_night("scratched", "second", "worn")
 @pytest.mark.parametrize("condition", ["scratched", "dusty", "second", "worn"])
 def test_wear_does_not_draw_lamps_away(condition):
     """The bar of the readings: 1.0° in the mean and 2.5° at most; stated errors hold."""

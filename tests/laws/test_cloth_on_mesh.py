@@ -146,6 +146,7 @@ def test_recipes_drape_cloth_over_a_body_and_refuse_one_without_it(tmp_path, mon
         build({name: value for name, value in record.items() if name != "shape"})
 
 
+@pytest.mark.nightly
 def test_recipes_lay_cloth_and_knit_on_a_mesh_and_refuse_one_without_a_map(tmp_path):
     """Heights of the box are over the cylinder; a mesh of STL has no map."""
     shape = {"form": "mesh", "file": str(tube(tmp_path / "a.obj")), "height_mm": HEIGHT}

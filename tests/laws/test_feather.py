@@ -303,6 +303,7 @@ def test_no_feather_is_overlooked():
             assert number in members[starts[cell[at]] : starts[cell[at] + 1]]
 
 
+@pytest.mark.nightly
 def test_one_seed_one_pair_of_wings(wings):
     assert same_bits(wings, wing_of((GREY, GREY), 0.25, 2).box())
     assert not same_bits(wings, wing_of((GREY, GREY), 0.25, 3).box())

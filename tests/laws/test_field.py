@@ -214,6 +214,7 @@ def test_higher_orders_agree_with_random_walks(element):
     assert abs(solved.weights[..., 2].sum() - higher) < 0.01 * everything and higher > 0.15 * everything
 
 
+@pytest.mark.by_night("0.75-0.6875")
 @pytest.mark.parametrize(("ends", "cuts"), [(0.75, 0.6875), (1.5, 1.375)])
 def test_faces_of_matter_lie_anywhere_in_cells(ends, cuts, monkeypatch):
     """Higher orders of a cube of 12 voxels in cells that end at its faces and in such that do not: 5 % of each other.
@@ -269,6 +270,7 @@ def test_another_camera_costs_a_march_and_light_of_a_seed_has_the_same_bits(monk
         full.full_picture(turned.with_lamps(Lamp(to_lamp=(0, 0, 1))), Settings(), points, cache)
 
 
+@pytest.mark.nightly
 def test_the_light_of_a_picture_is_within_the_memory_that_cells_are_chosen_for():
     """With the cells around matter, which were not counted: of a full box they are a fifth. What is chosen for has nine
     numbers in whole packets, of 24 bytes; kept are 18.

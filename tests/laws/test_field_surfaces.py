@@ -93,6 +93,7 @@ def test_a_floor_beside_a_white_box_is_lit_as_by_random_walks(element, beta):
     assert (share[whole] > 0.04).mean() > 0.4
 
 
+@pytest.mark.nightly
 def test_a_robe_colours_the_plate_that_it_lies_on():
     """A red box over a white floor, of which the camera sees the floor: bands have the colour that walks find."""
     scene = on_a_floor(paint(0.95, colour=RED, element="sphere"), paint(0.8))

@@ -143,6 +143,7 @@ def test_sphere_table_is_its_quadrature():
     assert np.abs(few - exact).max() < 3e-3 * exact.max()  # what its docstring says of 12 nodes
 
 
+@pytest.mark.by_night("0.05-1.5", "0.5-1.7")
 @pytest.mark.parametrize(("gamma", "n"), [(0.05, 1.5), (0.2, 1.3), (0.5, 1.7)])
 def test_interface_albedo_is_the_integral_over_lamps(gamma, n):
     """The quadrature over half vectors against equal-area points of the hemisphere of lamps."""

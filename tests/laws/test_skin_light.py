@@ -115,6 +115,7 @@ def test_a_hollow_shows_what_its_surface_shows(elevation):
     assert np.sqrt(np.mean((shown - true)[inside] ** 2)) < 0.01
 
 
+@pytest.mark.by_night("sheet-15.0")
 @pytest.mark.parametrize(("name", "elevation"), [("sheet", LOW), ("balls", MIDDLE)])
 def test_shadows_end_nearer_to_where_they_should_the_smaller_the_voxels(name, elevation):
     """They end a voxel off, about, as outlines do, and the mean error is of first order where voxels are small against

@@ -148,7 +148,7 @@ def depth(box, origin, direction):
     return float(optical_depth(Medium([box]), *ray, deepest=math.inf)[0])
 
 
-@pytest.mark.by_night("march-projected")
+@pytest.mark.by_night("march-projected", "map-projected", "none-isotropic")
 @pytest.mark.parametrize(
     ("shadows", "extinction"),
     [("none", "isotropic"), ("march", "isotropic"), ("march", "projected"), ("map", "projected")],

@@ -117,6 +117,7 @@ def test_fibres_wind_by_their_twist(hand):
     assert np.median(lean) == pytest.approx(expected if hand == "Z" else -expected, rel=0.15)
 
 
+@pytest.mark.by_night("jersey")
 @pytest.mark.parametrize(
     "make", [lambda: woven(WOOL, 0.05, 3), lambda: knitted(JERSEY, 0.06, 3)], ids=["wool", "jersey"]
 )
@@ -326,6 +327,7 @@ def test_pressed_plies_fill_more_of_the_yarn(plies, touching, filled):
     assert plies * radius**2 * yarn.kept == pytest.approx(counted, abs=1e-3)
 
 
+@pytest.mark.nightly
 def test_the_presets_can_be_made():
     for cloth in (LINEN, WOOL, SILK):
         assert woven(cloth, 0.1, 1).populations == 2
