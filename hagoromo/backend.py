@@ -21,7 +21,9 @@ from hagoromo.errors import InputError
 Float: TypeAlias = Any  # single precision
 Bool: TypeAlias = Any
 Int: TypeAlias = Any  # 32 bits
+Int64: TypeAlias = Any
 UInt: TypeAlias = Any  # 32 bits
+Int64: TypeAlias = Any
 Array3f: TypeAlias = Any  # vector or point: x, y, z
 Array4f: TypeAlias = Any
 Array4u: TypeAlias = Any

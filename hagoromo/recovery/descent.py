@@ -6,7 +6,7 @@ import drjit as dr
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.backend import Float, arrays, clip, lookup
+from hagoromo.backend import Float, UInt, arrays, clip, lookup
 from hagoromo.progress import Progress, silent
 from hagoromo.recovery.distance_field import COLOURS, DistanceField
 from hagoromo.recovery.hull import redistanced
@@ -127,31 +127,43 @@ class Descent:
     def _move(self, fall: float) -> None:
         """Move the field against its gradients."""
         jit, field = arrays(), self.field
-        dr.eval(field.by_distance, field.by_colours)
-        slope = dr.gather(jit.Float, field.by_distance, self.nodes) + self._smoothness()
+        by_distance, by_colours = field.by_distance, field.by_colours
+        dr.eval(by_distance, by_colours)
+        slope = dr.gather(jit.Float, by_distance, self.nodes) + smoothness_slope(field, self.nodes)
         change = clip(self.by_distance.step(slope, DISTANCE_RATE * fall), -LARGEST_CHANGE, LARGEST_CHANGE)
         dr.scatter_reduce(dr.ReduceOp.Add, field.distance, -change, self.nodes, mode=dr.ReduceMode.NoConflicts)
         for c in range(COLOURS):
             index = self.nodes * COLOURS + c
-            change = self.by_colours[c].step(dr.gather(jit.Float, field.by_colours, index), COLOUR_RATE * fall)
+            change = self.by_colours[c].step(dr.gather(jit.Float, by_colours, index), COLOUR_RATE * fall)
             new = dr.fmax(dr.gather(jit.Float, field.colours, index) - change, LEAST_COLOUR)
             dr.scatter(field.colours, new, index, mode=dr.ReduceMode.NoConflicts)
         dr.eval(field.distance, field.colours)
 
-    def _smoothness(self) -> Float:
-        """Gradient, at the nodes that move, of what keeps the field a distance and its surface even."""
-        jit, field = arrays(), self.field
-        free = dr.detach(field.distance) + 0.0
-        dr.enable_grad(free)
-        middle, slope, around = dr.gather(jit.Float, free, self.nodes), [], jit.Float(0)
-        for row in field.rows:
-            low, high = (dr.gather(jit.Float, free, node) for node in (self.nodes - row, self.nodes + row))
-            slope.append(0.5 * (high - low))
-            around += high + low
-        length = dr.norm(jit.Array3f(*slope))
-        energy = EIKONAL * dr.square(length - 1.0) + BENDING * dr.square(around - 6.0 * middle)
-        dr.backward(energy * (1.0 / dr.width(self.nodes)))
-        return dr.gather(jit.Float, dr.grad(free), self.nodes)
+
+def smoothness_slope(field: DistanceField, nodes: UInt) -> Float:
+    """Gradient, at the nodes that move, of what keeps the field a distance and its surface even."""
+    jit, share = arrays(), 1.0 / dr.width(nodes)
+
+    def sides(values: Float, row: UInt) -> tuple[Float, Float]:
+        return dr.gather(jit.Float, values, nodes - row), dr.gather(jit.Float, values, nodes + row)
+
+    def among_all(values: Float) -> Float:
+        spread = dr.zeros(jit.Float, dr.width(field.distance))
+        dr.make_opaque(spread)
+        dr.scatter(spread, values, nodes, mode=dr.ReduceMode.NoConflicts)
+        return spread
+
+    around = [sides(field.distance, row) for row in field.rows]
+    slope = jit.Array3f(*(0.5 * (high - low) for low, high in around))
+    length = dr.norm(slope)
+    by_slope = slope * (2.0 * EIKONAL * share * (length - 1.0) / dr.fmax(length, 1e-6))
+    laplacian = sum(low + high for low, high in around) - 6.0 * dr.gather(jit.Float, field.distance, nodes)
+    bending = among_all(2.0 * BENDING * share * laplacian)
+    total = -6.0 * dr.gather(jit.Float, bending, nodes)
+    for k, row in enumerate(field.rows):
+        low, high = sides(among_all(by_slope[k]), row)
+        total += 0.5 * (low - high) + sum(sides(bending, row))
+    return total
 
 
 def robust(drawn: Drawn, rest: list[Float]) -> Float:

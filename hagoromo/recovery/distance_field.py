@@ -14,9 +14,10 @@ import drjit as dr
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.backend import Array3f, Float, UInt, arrays, clip, lookup
+from hagoromo.backend import Array3f, Float, Int64, UInt, arrays, clip, lookup
 
 COLOURS = 3  # body colours of a node
+UNITS = 2.0**48  # of a gradient's 1: sums reach 3e4, and an addend is rounded to 4e-15
 
 
 class Stencil(NamedTuple):
@@ -30,8 +31,9 @@ class Stencil(NamedTuple):
 class DistanceField:
     """distance: Float (nodes,) signed distance [voxel], negative inside. colours: Float (nodes · 3) body colours.
 
-    by_distance, by_colours: what is added to their gradients. All are fields of this object, so that Dr.Jit's loops do
-    not take them into their state.
+    sums_by_distance, sums_by_colours: Int64, what is added to their gradients, in whole units of 1 / UNITS: such sums
+    do not depend on the order of what is added, so that one seed gives one result, whatever the number of cores. All
+    are fields of this object, so that Dr.Jit's loops do not take them into their state.
     """
 
     def __init__(self, distance: NDArray[np.floating], colours: NDArray[np.floating]) -> None:
@@ -47,9 +49,19 @@ class DistanceField:
 
     def no_gradients(self) -> None:
         """Gradients of 0."""
-        self.by_distance = dr.zeros(arrays().Float, dr.width(self.distance))
-        self.by_colours = dr.zeros(arrays().Float, dr.width(self.colours))
-        dr.make_opaque(self.by_distance, self.by_colours)
+        self.sums_by_distance = dr.zeros(arrays().Int64, dr.width(self.distance))
+        self.sums_by_colours = dr.zeros(arrays().Int64, dr.width(self.colours))
+        dr.make_opaque(self.sums_by_distance, self.sums_by_colours)
+
+    @property
+    def by_distance(self) -> Float:
+        """Float (nodes,), the gradient by distances."""
+        return arrays().Float(self.sums_by_distance) * (1.0 / UNITS)
+
+    @property
+    def by_colours(self) -> Float:
+        """Float (nodes · 3), the gradient by body colours."""
+        return arrays().Float(self.sums_by_colours) * (1.0 / UNITS)
 
     def distances(self) -> NDArray[np.float32]:
         """Signed distances (nz, ny, nx) [voxel]."""
@@ -117,7 +129,7 @@ class DistanceField:
             for y in range(3):
                 row, both = s.first + self.rows[2] * z + self.rows[1] * y, by * s.weights[1][y] * s.weights[2][z]
                 for x in range(3):
-                    add_to(self.by_distance, row + x, both * s.weights[0][x])
+                    add_to(self.sums_by_distance, row + x, both * s.weights[0][x])
 
     def add_by_slope(self, place: Array3f, by: Array3f) -> None:
         """Add the gradient of by · slope_at(place)."""
@@ -128,13 +140,13 @@ class DistanceField:
                 rise = by[0] * s.weights[1][y] * s.weights[2][z]
                 line = by[1] * s.slopes[1][y] * s.weights[2][z] + by[2] * s.weights[1][y] * s.slopes[2][z]
                 for x in range(3):
-                    add_to(self.by_distance, row + x, dr.fma(rise, s.slopes[0][x], line * s.weights[0][x]))
+                    add_to(self.sums_by_distance, row + x, dr.fma(rise, s.slopes[0][x], line * s.weights[0][x]))
 
     def add_by_colours(self, place: Array3f, by: list[Float]) -> None:
         """Add the gradient of Σ by · colours_at(place)."""
         for node, weight in self._corner_nodes(place):
             for c in range(COLOURS):
-                add_to(self.by_colours, node * COLOURS + c, weight * by[c])
+                add_to(self.sums_by_colours, node * COLOURS + c, weight * by[c])
 
     def _corner_nodes(self, place: Array3f) -> Iterator[tuple[UInt, Float]]:
         """Number and weight of each node of the cell around a place."""
@@ -152,6 +164,7 @@ class DistanceField:
                     yield row + x, both * weights[0][x]
 
 
-def add_to(target: Float, index: UInt, value: Float) -> None:
+def add_to(target: Int64, index: UInt, value: Float) -> None:
     """target[index] += value, by copies of the target for each core: few cores then do not wait for each other."""
-    dr.scatter_reduce(dr.ReduceOp.Add, target, value, index, mode=dr.ReduceMode.Expand)
+    units = arrays().Int64(value * UNITS)
+    dr.scatter_reduce(dr.ReduceOp.Add, target, units, index, mode=dr.ReduceMode.Expand)

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from hagoromo.backend import arrays, lookup
+from hagoromo.recovery.descent import BENDING, EIKONAL, smoothness_slope
 from hagoromo.recovery.distance_field import COLOURS, DistanceField
 from hagoromo.recovery.shading import faded
 from hagoromo.recovery.surface_march import LatticeRays, SurfaceMarch, depth_between, share_of
@@ -147,3 +148,26 @@ def test_what_leaves_a_surface_is_not_in_its_own_way(scene):
     direction, origin = (jit.Array3f(*(column(each) for each in part)) for part in (way, start))
     passed = np.array(march.transmittance(LatticeRays(origin, direction, jit.Float(0.0), column(np.full(200, 3.0)))))
     assert passed.min() > 0.98
+
+
+def test_the_slope_of_smoothness_is_that_of_central_differences():
+    """Of |∇d| from 1 and of the Laplacian, over the nodes that move alone."""
+    random, shape = np.random.default_rng(0), (6, 7, 8)
+    distance, moving = random.normal(size=shape), np.zeros(shape, bool)
+    moving[1:-1, 1:-1, 1:-1] = random.random((4, 5, 6)) < 0.5
+    nodes = np.flatnonzero(moving)
+    field = DistanceField(distance, np.zeros((*shape, COLOURS)))
+    found = np.array(smoothness_slope(field, arrays().UInt(nodes.astype(np.uint32))))
+
+    def energy(d):
+        slope = [0.5 * (np.roll(d, -1, axis) - np.roll(d, 1, axis)) for axis in range(3)]
+        around = sum(np.roll(d, -1, axis) + np.roll(d, 1, axis) for axis in range(3))
+        stretched = np.sqrt(sum(each**2 for each in slope)) - 1.0
+        return (EIKONAL * stretched**2 + BENDING * (around - 6.0 * d) ** 2)[moving].mean()
+
+    for k in range(0, len(nodes), 3):
+        change = np.zeros(distance.size)
+        change[nodes[k]] = 1e-5
+        change = change.reshape(shape)
+        expected = (energy(distance + change) - energy(distance - change)) / 2e-5
+        assert found[k] == pytest.approx(expected, abs=float(1e-5 * np.abs(found).max()))
