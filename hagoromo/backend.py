@@ -103,6 +103,16 @@ def clip(value: Any, low: Any, high: Any) -> Any:
     return dr.fmin(dr.fmax(value, low), high)
 
 
+def evaluate(*values: Any) -> None:
+    """Have values computed now, in a kernel of their own, as `dr.eval` does: that leaves named tuples out."""
+    import drjit as dr
+
+    def arrays_of(value: Any) -> Any:
+        return [arrays_of(each) for each in value] if isinstance(value, (tuple, list)) else value
+
+    dr.eval(arrays_of(values))
+
+
 def opaque_vector(values: Any) -> Any:
     """Three numbers as an Array3f that kernels read from memory, so that other numbers do not need a new kernel."""
     import drjit as dr

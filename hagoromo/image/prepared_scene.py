@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 import drjit as dr
 
-from hagoromo.backend import Array3f, Float, arrays
+from hagoromo.backend import Array3f, Float, arrays, evaluate
 from hagoromo.image.cut import CutRays
 from hagoromo.image.gloss_texture import gloss_rows
 from hagoromo.image.origin import Origin, depth_of_matter, origin_of, scene_from, scene_origin
@@ -152,7 +152,7 @@ class PreparedScene:
             return [jit.Float(0)] * self.lighting.channels, far
         hit = self.surfaces.hit(origin, direction)
         if self.lighting.surface_light:
-            dr.eval(hit)  # else its rays would be traced once more after those of the patches
+            evaluate(hit)  # else its rays would be traced once more after those of the patches
         far = hit.distance if length is None else dr.select(hit.distance < length, hit.distance, dr.inf)
         materials, textures = self.lighting.materials, self.surface_colours
         element = surface_element(materials, self.first_on_surface, hit, textures, self.thickness)

@@ -9,7 +9,7 @@ import drjit as dr
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.backend import Float, UInt, arrays, lookup
+from hagoromo.backend import Float, UInt, arrays, evaluate, lookup
 from hagoromo.recovery.hull import way_to
 from hagoromo.recovery.lattice import Lattice
 from hagoromo.recovery.object_view import ObjectView
@@ -60,7 +60,7 @@ class PixelTable:
         x, y, z, near, far, *rest = (dr.gather(jit.Float, each, index) for each in self.table)
         rays = LatticeRays(dr.gather(jit.Array3f, self.eyes, photograph), jit.Array3f(x, y, z), near, far)
         drawn = Drawn(rays, photograph, rest[:3], rest[3:6], rest[6], rest[7])
-        dr.eval(drawn)
+        evaluate(drawn)
         return drawn
 
 

@@ -8,7 +8,7 @@ import drjit as dr
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.backend import Array3f, Float, arrays, column
+from hagoromo.backend import Array3f, Float, arrays, column, evaluate
 from hagoromo.matter.shape import unit
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.recovery.distance_field import COLOURS, DistanceField
@@ -63,7 +63,7 @@ class Rendering:
         self.shading.photograph = drawn.photograph
         with dr.suspend_grad():
             seen = self.march.seen(drawn.rays)
-            dr.eval(seen)
+            evaluate(seen)
             return SeenLight(seen, self._passed(drawn, seen))
 
     def _passed(self, drawn: Drawn, seen: Seen) -> list[Float]:

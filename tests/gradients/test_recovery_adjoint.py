@@ -4,7 +4,7 @@ import drjit as dr
 import numpy as np
 import pytest
 
-from hagoromo.backend import arrays, lookup
+from hagoromo.backend import arrays, evaluate, lookup
 from hagoromo.recovery.descent import BENDING, EIKONAL, smoothness_slope
 from hagoromo.recovery.distance_field import COLOURS, DistanceField
 from hagoromo.recovery.shading import faded
@@ -61,7 +61,7 @@ def scene():
     rays = LatticeRays(origin, direction, column(np.zeros(RAYS)), column(np.full(RAYS, 16.0)))
     weights = [column(random.normal(size=RAYS)) for _ in range(COLOURS)]
     march = SurfaceMarch(field, dr.opaque(jit.Float, 1.0 / 0.5), Glossy())
-    dr.eval(rays, weights)
+    evaluate(rays, weights)
     return field, march, rays, weights
 
 
@@ -79,7 +79,7 @@ def gradient(scene):
     field.no_gradients()
     with dr.suspend_grad():
         seen = march.seen(rays)
-        dr.eval(seen)
+        evaluate(seen)
         march.adjoint(rays, seen, weights, -0.3 * dr.exp(-seen.depth))
     return np.array(field.by_distance, np.float64), np.array(field.by_colours, np.float64)
 

@@ -14,7 +14,7 @@ import drjit as dr
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.backend import Array3f, Float, Int, UInt, arrays, lookup
+from hagoromo.backend import Array3f, Float, Int, UInt, arrays, evaluate, lookup
 from hagoromo.files.memory import require
 from hagoromo.transport.field.band_colours import BandColours
 from hagoromo.transport.field.cells import Cells
@@ -186,7 +186,7 @@ class Links:
             if matter
             else ([], dr.full(jit.Float, 1.0, dr.width(far)))
         )
-        dr.eval(self.towards, self.point, hit, self.element, self.passed)
+        evaluate(self.towards, self.point, hit, self.element, self.passed)
         if lit.surface_colours is not None:
             dr.eval(self.coefficients)
         self.patch: Patch = lit.patches.at(hit.point, hit.normal, self.there)
