@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import degrees
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,7 @@ def recover(
     steps: int = 80,
     keep: int = 8,
     shadows: bool = True,
+    errors: bool = True,
     voxels: int | None = None,
     seed: int = 0,
     force: Force = False,
@@ -44,6 +46,8 @@ def recover(
         steps: of each level of the lattice, from coarse to fine.
         keep: every how many photographs one is kept aside, to be predicted; 0: none.
         shadows: whether the object's shadows on itself are taken into account.
+        errors: whether each half of the photographs gives an object of its own, too, so that the errors of places are
+            known: that doubles the time.
         voxels: of the box along its longest edge (default: three a node, up to 768).
         seed: of the pixels that are drawn.
     """
@@ -52,7 +56,7 @@ def recover(
     box, *beside = recovery_files(out).files
     replaceable_folder(box, force)
     replaceable_files(beside, force)
-    settings = hg.RecoverySettings(side=side, steps=steps, keep=keep, shadows=shadows, seed=seed)
+    settings = hg.RecoverySettings(side=side, steps=steps, keep=keep, shadows=shadows, errors=errors, seed=seed)
     with progress_bar("recover") as progress:
         recovered = hg.recover(capture, settings, progress)
     made, mesh, record = recovered.box(voxels), recovered.mesh(), recovered.record()
@@ -75,6 +79,9 @@ def summary(record: dict[str, Any]) -> list[str]:
         known = [key for key, is_known in material["identifiable"].items() if is_known]
         found = ", ".join(f"{key} {material[key]:.3g}" for key in ("beta", "gamma", "n"))
         lines.append(f"gloss: {found}; identifiable: {', '.join(known) or 'nothing'}")
+    if errors := record["errors"]:
+        position, normal = errors["position_m"][0], errors["normal_rad"][0]
+        lines.append(f"standard errors, median: position {1e6 * position:.3g} µm, normal {degrees(normal):.2g}°")
     for score in record["kept_aside"]:
         lines.append(f"{score['name']}, kept aside: {score['psnr']:.2f} dB, {score['inside']:.2f} dB in its silhouette")
     return lines

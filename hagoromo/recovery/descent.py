@@ -9,23 +9,22 @@ from numpy.typing import NDArray
 from hagoromo.backend import Float, UInt, arrays, clip, lookup
 from hagoromo.progress import Progress, silent
 from hagoromo.recovery.distance_field import COLOURS, DistanceField
+from hagoromo.recovery.gloss_step import gloss_step, robust
 from hagoromo.recovery.hull import redistanced
 from hagoromo.recovery.lamp_table import LampTable
 from hagoromo.recovery.pixel_table import CHUNK, Drawn, PixelTable
-from hagoromo.recovery.rendering import Rendering, SeenLight
+from hagoromo.recovery.rendering import Rendering
 from hagoromo.recovery.shading import SurfaceShading
 
 BAND = 3.0  # voxels from the surface within which nodes move
 CHOOSE_EVERY, LAST_CHOICE = 30, 0.8  # steps after which moving nodes are chosen anew; share of the steps until then
-DISTANCE_RATE, COLOUR_RATE, LAST_RATE = 0.08, 0.06, 0.1  # rates of the first step; factor on those of the last
+FIRST_RATE, DISTANCE_RATE = 0.08, 0.05  # [voxel] of a level's first step: from the hull, from another level
+COLOUR_RATE = 0.06  # of a body colour, likewise
+LAST_RATE = 0.1  # factor on the rates of the last step
 LARGEST_CHANGE, LEAST_COLOUR = 0.3, 1e-4  # [voxel] of a distance in a step; of a body colour
 EIKONAL, BENDING = 2.0, 0.2  # of |∇d| from 1, and of the Laplacian of d, in units of a pixel's squared error
 SILHOUETTE = 100.0  # of a pixel's opacity, likewise
-ROBUST = 7.0  # standard deviations from which a pixel loses weight
-GLOSS_EVERY, GLOSS_DIFFERENCE, GLOSS_CHANGE = 2, 0.02, 0.4  # steps; of the logarithms
-GLOSS_RANGE = np.log([[1e-3, 1e3], [0.01, 1.2], [0.15, 2.0]])  # of β, γ and n − 1
-N_USUAL, N_SPREAD = 1.5, 0.3  # of dielectrics, and standard deviation of ln(n − 1)
-CORRELATED = 200.0  # values whose errors are alike, as neighbours have them: so many count as one
+GLOSS_EVERY = 3  # steps
 
 
 class Adam:
@@ -90,8 +89,13 @@ class Descent:
         self.by_distance = Adam(len(held))
         self.by_colours = [Adam(len(held)) for _ in range(COLOURS)]
 
-    def run(self, steps: int, chunks: int, softness: tuple[float, float], progress: Progress = silent) -> None:
-        """`steps` steps, each by `chunks` chunks of pixels; s falls from the first softness to the last [voxel]."""
+    def run(
+        self, steps: int, chunks: int, softness: tuple[float, float], rate: float, progress: Progress = silent
+    ) -> None:
+        """`steps` steps, each by `chunks` chunks of pixels; s falls from the first softness to the last [voxel].
+
+        rate: of distances, in the first step [voxel].
+        """
         total = self.pixels.count // CHUNK
         for k in range(steps):
             share = k / max(steps - 1, 1)
@@ -102,15 +106,15 @@ class Descent:
             fall = LAST_RATE**share
             picked = np.sort(self.random.integers(0, total, min(chunks, total)))
             drawn = self.pixels.of(picked)
-            self.step(drawn, fall)
+            self.step(drawn, rate * fall, COLOUR_RATE * fall)
             if self.lamps.each and k % GLOSS_EVERY == GLOSS_EVERY - 1:
                 self.shading.set_gloss(
                     gloss_step(self.rendering, drawn, self.pixels.count / dr.width(drawn.photograph))
                 )
         progress(1.0)
 
-    def step(self, drawn: Drawn, fall: float) -> None:
-        """One step of the field by some pixels. fall: factor on the rates."""
+    def step(self, drawn: Drawn, rate: float, colour_rate: float) -> None:
+        """One step of the field by some pixels. rate: of distances [voxel]. colour_rate: of body colours."""
         light = self.rendering.light(drawn)
         count, each = dr.width(drawn.photograph), max(self.lamps.each, 1)
         rest = [a - b for a, b in zip(light.channels, drawn.values, strict=True)]
@@ -122,19 +126,19 @@ class Descent:
         dr.eval(by_light, by_depth)
         with dr.suspend_grad():
             self.rendering.march.adjoint(drawn.rays, light.seen, by_light, by_depth)
-        self._move(fall)
+        self._move(rate, colour_rate)
 
-    def _move(self, fall: float) -> None:
+    def _move(self, rate: float, colour_rate: float) -> None:
         """Move the field against its gradients."""
         jit, field = arrays(), self.field
         by_distance, by_colours = field.by_distance, field.by_colours
         dr.eval(by_distance, by_colours)
         slope = dr.gather(jit.Float, by_distance, self.nodes) + smoothness_slope(field, self.nodes)
-        change = clip(self.by_distance.step(slope, DISTANCE_RATE * fall), -LARGEST_CHANGE, LARGEST_CHANGE)
+        change = clip(self.by_distance.step(slope, rate), -LARGEST_CHANGE, LARGEST_CHANGE)
         dr.scatter_reduce(dr.ReduceOp.Add, field.distance, -change, self.nodes, mode=dr.ReduceMode.NoConflicts)
         for c in range(COLOURS):
             index = self.nodes * COLOURS + c
-            change = self.by_colours[c].step(dr.gather(jit.Float, by_colours, index), COLOUR_RATE * fall)
+            change = self.by_colours[c].step(dr.gather(jit.Float, by_colours, index), colour_rate)
             new = dr.fmax(dr.gather(jit.Float, field.colours, index) - change, LEAST_COLOUR)
             dr.scatter(field.colours, new, index, mode=dr.ReduceMode.NoConflicts)
         dr.eval(field.distance, field.colours)
@@ -164,45 +168,3 @@ def smoothness_slope(field: DistanceField, nodes: UInt) -> Float:
         low, high = sides(among_all(by_slope[k]), row)
         total += 0.5 * (low - high) + sum(sides(bending, row))
     return total
-
-
-def robust(drawn: Drawn, rest: list[Float]) -> Float:
-    """Weight of pixels that nothing explains, such as stray light: Cauchy's."""
-    square = sum(w * r * r for w, r in zip(drawn.weights, rest, strict=True)) / COLOURS
-    return dr.rcp(1.0 + square * (1.0 / ROBUST**2))
-
-
-def gloss_step(rendering: Rendering, drawn: Drawn, copies: float) -> NDArray[np.float64]:
-    """The gloss after half a step of Gauss and Newton by some pixels, of which there are `copies` times as many.
-
-    What is known beforehand of n (that of most matter) decides where the photographs do not.
-    """
-    gloss = np.array(rendering.shading.gloss, np.float64)
-    prior = np.diag([0.0, 0.0, 1.0 / N_SPREAD**2])
-    matrix, slope, _ = gloss_normal_equations(rendering, drawn, rendering.light(drawn), copies)
-    slope = slope + prior @ (np.log(N_USUAL - 1.0) - gloss)
-    damped = matrix + prior + np.diag(1e-3 * np.diag(matrix) + 1e-9)
-    change = np.clip(np.linalg.solve(damped, slope), -GLOSS_CHANGE, GLOSS_CHANGE)
-    return np.clip(gloss + 0.5 * change, *GLOSS_RANGE.T)
-
-
-def gloss_normal_equations(
-    rendering: Rendering, drawn: Drawn, base: SeenLight, copies: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Jᵀ W J (3, 3) and Jᵀ W r (3,) of the gloss, and J (pixels · 3, 3) times √W, by differences from light `base`."""
-    rest = [value - light for value, light in zip(drawn.values, base.channels, strict=True)]
-    weight = robust(drawn, rest)
-    roots = [np.sqrt(np.maximum(np.array(w * weight, np.float64), 0.0)) for w in drawn.weights]
-    gloss, columns = np.array(rendering.shading.gloss, np.float64), []
-    for k in range(len(gloss)):
-        moved = gloss.copy()
-        moved[k] += GLOSS_DIFFERENCE
-        rendering.shading.set_gloss(moved)
-        seen = rendering.light(drawn)
-        slopes = [(a - b) * (1.0 / GLOSS_DIFFERENCE) for a, b in zip(seen.channels, base.channels, strict=True)]
-        columns.append(np.concatenate([np.array(s, np.float64) * r for s, r in zip(slopes, roots, strict=True)]))
-    rendering.shading.set_gloss(gloss)
-    jacobian = np.stack(columns, axis=1)
-    residual = np.concatenate([np.array(each, np.float64) * r for each, r in zip(rest, roots, strict=True)])
-    copies = copies / CORRELATED
-    return copies * jacobian.T @ jacobian, copies * jacobian.T @ residual, jacobian

@@ -122,6 +122,11 @@ class DistanceField:
                 colours[c] = dr.fma(weight, dr.gather(jit.Float, self.colours, node * COLOURS + c), colours[c])
         return colours
 
+    def nearest_node(self, place: Array3f) -> NDArray[np.int64]:
+        """Number of the node nearest to each place."""
+        z, y, x = (np.clip(np.rint(np.array(place[2 - k])), 0, self.shape[k] - 1).astype(np.int64) for k in range(3))
+        return (z * self.shape[1] + y) * self.shape[2] + x
+
     def add_by_distance(self, place: Array3f, by: Float) -> None:
         """Add the gradient of by · distance_at(place)."""
         s = self.stencil(place)

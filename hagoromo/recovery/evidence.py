@@ -10,35 +10,26 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import drjit as dr
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.backend import Float
-from hagoromo.recovery.descent import N_SPREAD, Descent, gloss_normal_equations
-from hagoromo.recovery.distance_field import COLOURS
-from hagoromo.recovery.pixel_table import CHUNK, Drawn
+from hagoromo.recovery.descent import Descent
+from hagoromo.recovery.gloss_step import N_SPREAD, Slopes, slopes_of, without_colours
+from hagoromo.recovery.pixel_table import CHUNK
 from hagoromo.recovery.shading import GLOSS, figures
 
 AT_ONCE = 1 << 12  # chunks
 MOST_CHUNKS = 1 << 16  # that are looked at: more would not say more
-COLOUR_DIFFERENCE = 0.01
-HIT = 0.5  # opacity from which a pixel shows a place
 NORMAL_95 = 1.959964  # standard deviations
 IDENTIFIABLE = 0.5  # standard error of a logarithm up to which a parameter counts as known by the photographs
 
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """covariance: (3, 3) of ln β, ln γ, ln(n − 1). seen: (nz, ny, nx) pixels that show each place of the surface.
-
-    colour_error: (nz, ny, nx, 3) standard errors of body colours by the noise of the pixels that show them; NaN where
-    none does.
-    """
+    """covariance: (3, 3) of ln β, ln γ, ln(n − 1). photographs: (nz, ny, nx) that show each place of the surface."""
 
     covariance: NDArray[np.float64]
-    seen: NDArray[np.int32]
-    colour_error: NDArray[np.float32]
+    photographs: NDArray[np.int32]
 
     def material(self, gloss: NDArray[np.floating]) -> dict[str, Any]:
         """The gloss with standard errors and 95 % intervals, with the keys of materials.json."""
@@ -70,74 +61,30 @@ def evidence_of(descent: Descent, coarser: NDArray[np.floating] | None = None) -
     if total > MOST_CHUNKS:
         chosen = np.sort(np.random.default_rng(0).choice(total, MOST_CHUNKS, replace=False))
     copies = total / len(chosen)
-    seen, known = np.zeros(count, np.int64), np.zeros((count, COLOURS))
-    parts = []
-    for first in range(0, len(chosen), AT_ONCE):
-        drawn = descent.pixels.of(chosen[first : first + AT_ONCE])
-        parts.append(_part(descent, drawn, seen, known))
-    gloss = _gloss_covariance(parts, count, copies) if descent.lamps.each else np.zeros((3, 3))
+    parts = [
+        slopes_of(descent.rendering, descent.pixels.of(chosen[first : first + AT_ONCE]))
+        for first in range(0, len(chosen), AT_ONCE)
+    ]
+    slopes = Slopes(*(np.concatenate(each) for each in zip(*parts, strict=True)))
+    gloss = _gloss_covariance(slopes, copies) if descent.lamps.each else np.zeros((3, 3))
     if coarser is not None and descent.lamps.each:
         gloss = gloss + np.diag((descent.gloss - coarser) ** 2)
-    with np.errstate(divide="ignore"):
-        error = np.where(known > 0.0, 1.0 / np.sqrt(known * copies), np.nan)
-    return Evidence(
-        gloss, np.asarray(seen * copies, np.int32).reshape(shape), error.astype(np.float32).reshape(*shape, COLOURS)
-    )
+    return Evidence(gloss, _photographs(slopes, count).reshape(shape))
 
 
-def _part(descent: Descent, drawn: Drawn, seen: NDArray, known: NDArray) -> tuple[NDArray, ...]:
-    """Of some pixels: J √W by the gloss and by the body colour, residuals √W, place and photograph."""
-    rendering, field = descent.rendering, descent.field
-    base = rendering.light(drawn)
-    place = dr.fma(drawn.rays.direction, base.seen.way, drawn.rays.origin)
-    node = _node_of(place, descent)
-    hit = (np.array(base.seen.depth) > -np.log(1.0 - HIT)) & (np.array(drawn.weights[1]) > 0.0)
-    roots = np.sqrt(np.stack([np.array(w, np.float64) for w in drawn.weights], axis=1))
-    rest = np.stack([np.array(v - c, np.float64) for v, c in zip(drawn.values, base.channels, strict=True)], axis=1)
-    old = field.colours
-    field.colours = old + COLOUR_DIFFERENCE
-    dr.eval(field.colours)
-    moved = rendering.light(drawn)
-    by_colour = np.stack(
-        [np.array(b - a, np.float64) / COLOUR_DIFFERENCE for a, b in zip(base.channels, moved.channels, strict=True)], 1
-    )
-    field.colours = old
-    jacobian = np.zeros((len(hit) * COLOURS, len(GLOSS)))
-    if descent.lamps.each:
-        jacobian = gloss_normal_equations(rendering, drawn, base, 1.0)[2]
-    by_gloss = np.moveaxis(jacobian.reshape(COLOURS, len(hit), len(GLOSS)), 0, 1)
-    np.add.at(seen, node[hit], 1)
-    np.add.at(known, node[hit], (by_colour[hit] * roots[hit]) ** 2)
-    photograph = np.array(drawn.photograph)[hit]
-    return by_gloss[hit], (by_colour * roots)[hit], (rest * roots)[hit], node[hit], photograph
+def _photographs(slopes: Slopes, count: int) -> NDArray[np.int32]:
+    """(count,) photographs that show each node."""
+    most = int(slopes.photograph.max(initial=0)) + 1
+    pairs = np.unique(slopes.node * most + slopes.photograph)
+    return np.bincount(pairs // most, minlength=count).astype(np.int32)
 
 
-def _node_of(place: Any, descent: Descent) -> NDArray[np.int64]:
-    """Number of the node nearest to each place."""
-    nz, ny, nx = descent.field.shape
-
-    def nearest(x: Float, most: int) -> NDArray[np.int64]:
-        return np.clip(np.rint(np.array(x)), 0, most - 1).astype(np.int64)
-
-    return (nearest(place.z, nz) * ny + nearest(place.y, ny)) * nx + nearest(place.x, nx)
-
-
-def _gloss_covariance(parts: list[tuple[NDArray, ...]], count: int, copies: float) -> NDArray[np.float64]:
-    """Covariance of the gloss by all parts."""
-    by_gloss, by_colour, rest, node, photograph = (np.concatenate(each) for each in zip(*parts, strict=True))
-    square = np.zeros((count, COLOURS))
-    np.add.at(square, node, by_colour**2)
-    free, left = by_gloss.copy(), rest.copy()
-    for k in range(len(GLOSS)):  # what the body colour of a place can explain is taken out
-        mixed = np.zeros((count, COLOURS))
-        np.add.at(mixed, node, by_colour * by_gloss[..., k])
-        free[..., k] -= by_colour * (mixed / np.maximum(square, 1e-30))[node]
-    mixed = np.zeros((count, COLOURS))
-    np.add.at(mixed, node, by_colour * rest)
-    left -= by_colour * (mixed / np.maximum(square, 1e-30))[node]
+def _gloss_covariance(slopes: Slopes, copies: float) -> NDArray[np.float64]:
+    """Covariance of the gloss by all pixels."""
+    free, left = without_colours(slopes)
     matrix = copies * np.einsum("nck,ncl->kl", free, free)
-    scores = np.zeros((int(photograph.max(initial=0)) + 1, len(GLOSS)))
-    np.add.at(scores, photograph, copies * np.einsum("nck,nc->nk", free, left))
+    scores = np.zeros((int(slopes.photograph.max(initial=0)) + 1, len(GLOSS)))
+    np.add.at(scores, slopes.photograph, copies * np.einsum("nck,nc->nk", free, left))
     scores -= scores.mean(axis=0)
     prior = np.diag([1e-6, 1e-6, 1.0 / N_SPREAD**2])
     used = max(len(scores), 2)

@@ -135,7 +135,12 @@ def recovered_mesh(recovered: Recovered) -> RecoveredMesh:
         "ni,ni->n", np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), normals[faces[:, 0]]
     )
     faces = np.where((outwards < 0.0)[:, None], faces[:, ::-1], faces).astype(np.int64)
-    return RecoveredMesh(vertices, faces, normals, colours)
+    node = np.unravel_index(field.nearest_node(at), recovered.distance.shape)
+    known, errors = recovered.evidence, recovered.errors
+    shown = np.zeros(len(vertices), np.int32) if known is None else known.photographs[node]
+    nothing = np.full(len(vertices), np.nan, np.float32)
+    position, normal = (nothing, nothing) if errors is None else (errors.position[node], errors.normal[node])
+    return RecoveredMesh(vertices, faces, normals, colours, shown, position, normal)
 
 
 def _spline_values(nodes: NDArray[np.floating]) -> NDArray[np.float64]:

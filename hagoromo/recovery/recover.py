@@ -7,40 +7,32 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy import ndimage
 
 from hagoromo.errors import InputError
 from hagoromo.files.memory import require
 from hagoromo.photograph.capture import Capture, load_capture
 from hagoromo.progress import Progress, part_of, silent
-from hagoromo.recovery.descent import Descent
-from hagoromo.recovery.distance_field import COLOURS, DistanceField
+from hagoromo.recovery.errors import Errors, errors_of
 from hagoromo.recovery.evidence import evidence_of
-from hagoromo.recovery.given import check_lamps, check_not_cut, checked, kept_aside
-from hagoromo.recovery.hull import box_of, check_all_show_it, hull_distance, outlines_of, redistanced, without_crumbs
-from hagoromo.recovery.lamp_table import LampTable
+from hagoromo.recovery.given import LEAST_VIEWS, check_lamps, check_not_cut, checked, kept_aside
+from hagoromo.recovery.hull import Outline, box_of, check_all_show_it, hull_distance, outlines_of, without_crumbs
 from hagoromo.recovery.lattice import Lattice
-from hagoromo.recovery.object_view import ObjectView
-from hagoromo.recovery.pixel_table import CHUNK, PixelTable
+from hagoromo.recovery.levels import Levels, Shape, sides
+from hagoromo.recovery.pixel_table import CHUNK
 from hagoromo.recovery.recovered import Recovered
-from hagoromo.recovery.shading import START, coordinates
 from hagoromo.recovery.silhouettes import views_of
 
-COARSEST = 32  # nodes along the longest edge of the first level
 LEAST_SIDE, LARGEST_SIDE = 16, 512  # nodes along the longest edge
-FOOTPRINT = 2.5  # pixels of a voxel's edge, at least, that pixels are not joined for
-MODEL_ERROR, LAST_MODEL_ERROR = 0.02, 0.01  # relative error of the model, of coarse levels and of the last one
-SOFTNESS, LAST_SOFTNESS = (1.0, 0.33), (0.6, 0.2)  # s at begin and end of a level, and of the last one [voxel]
-BYTES_PER_NODE, BYTES_PER_PIXEL = 90.0, 120.0  # of all arrays together
-LEVEL_SHARE = 0.35  # of the steps of the last level, that a coarse one takes of the work
+BYTES_PER_NODE = 90.0  # of all arrays together
+WHOLE_SHARE = 0.55  # of the work, of what is not done for the errors
 
 
 @dataclass(frozen=True)
 class RecoverySettings:
     """side: nodes of the lattice along the object's longest edge. steps: of each level of the lattice, coarse to fine.
     rays: of each step. keep: every how many photographs one is kept aside, to be predicted; 0: none. shadows: whether
-    the object's own shadows are taken into account. seed: of the pixels that are drawn.
+    the object's own shadows are taken into account. errors: whether each half of the photographs gives an object of its
+    own, too, so that the errors of places are known: that doubles the time. seed: of the pixels that are drawn.
     """
 
     side: int = 128
@@ -48,6 +40,7 @@ class RecoverySettings:
     rays: int = 1 << 16
     keep: int = 8
     shadows: bool = True
+    errors: bool = True
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -82,82 +75,51 @@ def recover(
     check_not_cut(views)
     aside = kept_aside(len(views), settings.keep)
     used, kept = (tuple(v for v, out in zip(views, aside, strict=True) if out == which) for which in (False, True))
+    outlines = outlines_of(used)
     progress(0.0, "hull")
-    levels, hull = _hull(used, settings)
-    field, gloss = DistanceField(redistanced(hull), np.full((*hull.shape, COLOURS), 0.4)), coordinates(*START)
-    shares = np.array([LEVEL_SHARE] * (len(levels) - 1) + [1.0])
-    ends = np.concatenate([[0.0], np.cumsum(shares / shares.sum())])
-    lattice, descent, known = levels[0], None, None
+    lattices = _lattices(outlines, used[0].stated, settings.side)
+    start = Shape.of_hull(lattices[0], hull_distance(outlines, lattices[0], used[0].stated))
+    if used[0].stated:
+        check_all_show_it(outlines, lattices[0], start.distance)
+    check_lamps([view.photograph for view in used], lattices[0], start.distance)
+    levels = Levels(used, lattices, start, settings.rays, settings.seed, settings.shadows)
+    both = settings.errors and len(used) >= 2 * LEAST_VIEWS
+    known, errors = None, None
     try:
-        for number, level in enumerate(levels):
-            coarser = None
-            if descent is not None:
-                field, coarser = finer(descent.field, lattice, level), descent.gloss
-                gloss = coarser
-            last = number == len(levels) - 1
-            lattice, descent = level, _descent(used, level, field, gloss, settings, last)
-            own = part_of(progress, float(ends[number]), float(np.diff(ends)[number]), f"{max(level.shape)} nodes")
-            descent.run(settings.steps, settings.rays // CHUNK, LAST_SOFTNESS if last else SOFTNESS, own)
-            known = evidence_of(descent, coarser) if last else None
+        descent = levels.run(settings.steps, part_of(progress, 0.0, WHOLE_SHARE if both else 1.0, ""))
+        known = evidence_of(descent, levels.before.gloss if len(lattices) > 1 else None)
+        if both:
+            own = part_of(progress, WHOLE_SHARE, 1.0 - WHOLE_SHARE, "errors")
+            errors = _errors(levels, outlines, settings, own)
     except KeyboardInterrupt:
-        if descent is None:
+        if levels.descent is None:
             raise
-    assert descent is not None  # there is a level
-    distance = np.asarray(without_crumbs(descent.field.distances()), np.float32)
+    found = levels.shape
     return Recovered(
-        lattice, distance, descent.field.body_colours(), descent.gloss, descent.rendering.softness,
-        tuple(v.photograph for v in used), kept, any(p.lamps for p in photographs), asdict(settings), taken.name,
-        dict(taken.assumptions), used[0].stated, known,
+        found.lattice, np.asarray(without_crumbs(found.distance), np.float32), found.colours, found.gloss,
+        levels.descent.rendering.softness, tuple(v.photograph for v in used), kept, any(p.lamps for p in photographs),
+        asdict(settings), taken.name, dict(taken.assumptions), used[0].stated, known, errors,
+        complete=known is not None and (errors is not None or not both),
     )  # fmt: skip
 
 
-def sides(finest: int) -> list[int]:
-    """Nodes along the longest edge of all levels: each has voxels of half the edge of the one before."""
-    levels = [finest]
-    while (levels[0] + 1) // 2 >= COARSEST:
-        levels.insert(0, (levels[0] + 1) // 2)
-    return levels
-
-
-def _hull(views: Sequence[ObjectView], settings: RecoverySettings) -> tuple[list[Lattice], NDArray[np.float64]]:
-    """The lattices of all levels, and the hull on the first."""
-    outlines, stated = outlines_of(views), views[0].stated
+def _lattices(outlines: Sequence[Outline], stated: bool, side: int) -> list[Lattice]:
+    """The lattices of all levels."""
     low, high = box_of(outlines, stated)
-    levels = [Lattice.around(low, high, side) for side in sides(settings.side)]
-    require(BYTES_PER_NODE * float(np.prod(levels[-1].shape)), f"a lattice of {settings.side} nodes along its edge")
-    hull = hull_distance(outlines, levels[0], stated)
-    if stated:
-        check_all_show_it(outlines, levels[0], hull)
-    check_lamps([view.photograph for view in views], levels[0], hull)
-    return levels, hull
+    lattices = [Lattice.around(low, high, each) for each in sides(side)]
+    require(BYTES_PER_NODE * float(np.prod(lattices[-1].shape)), f"a lattice of {side} nodes along its edge")
+    return lattices
 
 
-def _descent(
-    views: Sequence[ObjectView],
-    lattice: Lattice,
-    field: DistanceField,
-    gloss: NDArray[np.float64],
-    settings: RecoverySettings,
-    last: bool,
-) -> Descent:
-    """The descent of a level."""
-    photographs = [view.photograph for view in views]
-    nearest = min(float(np.linalg.norm(p.camera.position - lattice.middle)) for p in photographs)
-    foot = lattice.voxel * max(min(p.camera.focal) for p in photographs) / nearest
-    reduced = [view.reduced(max(1, int(foot / FOOTPRINT))) for view in views]
-    require(BYTES_PER_PIXEL * sum(float(v.share.size) for v in reduced), "the pixels of all photographs")
-    bright = [np.percentile(v.photograph.values[v.photograph.mask], 99.0) for v in reduced if v.photograph.mask.any()]
-    pixels = PixelTable(reduced, lattice, LAST_MODEL_ERROR if last else MODEL_ERROR, float(np.median(bright)))
-    seed = settings.seed + max(lattice.shape)
-    return Descent(field, pixels, LampTable(photographs, lattice), gloss, seed, settings.shadows)
-
-
-def finer(field: DistanceField, coarser: Lattice, lattice: Lattice) -> DistanceField:
-    """The field on another lattice."""
-    places = coarser.from_world(lattice.nodes())[..., ::-1]
-    at = np.moveaxis(places, 3, 0)
-    distance = ndimage.map_coordinates(without_crumbs(field.distances()), at, order=1, mode="nearest")
-    colours = [
-        ndimage.map_coordinates(field.body_colours()[..., c], at, order=1, mode="nearest") for c in range(COLOURS)
-    ]
-    return DistanceField(distance * (coarser.voxel / lattice.voxel), np.stack(colours, axis=3))
+def _errors(whole: Levels, outlines: Sequence[Outline], settings: RecoverySettings, progress: Progress) -> Errors:
+    """The errors of what all photographs gave, by what each half of them gives."""
+    halves, stated = [], whole.views[0].stated
+    for number in range(2):
+        hull = hull_distance(outlines[number::2], whole.lattices[0], stated)
+        start = Shape.of_hull(whole.lattices[0], hull)
+        half = Levels(
+            whole.views[number::2], whole.lattices, start, settings.rays // 2, settings.seed, settings.shadows
+        )
+        half.run(settings.steps, part_of(progress, 0.5 * number, 0.5, "errors"))
+        halves.append(half.shape)
+    return errors_of(whole.shape, halves, whole.before if len(whole.lattices) > 1 else None)

@@ -16,6 +16,7 @@ from hagoromo.files.whole import whole_file
 from hagoromo.light.colour import srgb_encode
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.recovery.distance_field import DistanceField
+from hagoromo.recovery.errors import Errors
 from hagoromo.recovery.evidence import Evidence
 from hagoromo.recovery.lamp_table import LampTable
 from hagoromo.recovery.lattice import Lattice
@@ -39,20 +40,32 @@ class Score(NamedTuple):
 
 
 class RecoveredMesh(NamedTuple):
-    """vertices (n, 3) [m], faces (m, 3), unit normals (n, 3) outwards, body colours (n, 3)."""
+    """vertices (n, 3) [m], faces (m, 3), unit normals (n, 3) outwards, body colours (n, 3).
+
+    photographs: (n,) that show each vertex; where none does, the surface is closed smoothly. Standard errors, NaN where
+    they are not known: position_errors (n,) along the normal [m], normal_errors (n,) [rad].
+    """
 
     vertices: NDArray[np.float64]
     faces: NDArray[np.int64]
     normals: NDArray[np.float64]
     colours: NDArray[np.float64]
+    photographs: NDArray[np.int32]
+    position_errors: NDArray[np.float32]
+    normal_errors: NDArray[np.float32]
 
     def save(self, path: str | Path, force: bool = False) -> Path:
-        """Write the mesh as PLY, with normals and sRGB colours of its vertices; `InputError` where `path` exists."""
+        """Write the mesh as PLY: its vertices have normals, sRGB colours, `photographs`, `position_error` [m] and
+        `normal_error` [rad]. `InputError` where `path` exists.
+        """
         import trimesh
 
         colours = srgb_encode(np.clip(self.colours, 0.0, 1.0))
         parts = {"vertex_normals": self.normals, "vertex_colors": colours, "process": False}
         made = trimesh.Trimesh(self.vertices, self.faces, **parts)
+        made.vertex_attributes["photographs"] = self.photographs
+        made.vertex_attributes["position_error"] = self.position_errors
+        made.vertex_attributes["normal_error"] = self.normal_errors
         with whole_file(path, force) as partial:
             made.export(partial, file_type="ply")
         return Path(path)
@@ -66,7 +79,9 @@ class Recovered:
     body colours, as the camera reads them relative to a white plane under the lamp: albedos. gloss: ln β, ln γ,
     ln(n − 1). softness: s [voxel]. photographs: those that it was recovered from; kept: those kept aside. lit: whether
     their lamps are known; if not, colours are the light that the surface sends out. stated: whether masks stated
-    silhouettes. evidence: how well all is known; None where the recovery was interrupted.
+    silhouettes. evidence: how well the gloss is known, and which places photographs show; None where the recovery was
+    interrupted. errors: those of places; None where they were not asked for, or photographs too few for halves of
+    three. complete: whether the recovery came to its end; it was interrupted otherwise.
     """
 
     lattice: Lattice
@@ -82,15 +97,12 @@ class Recovered:
     assumptions: Mapping[str, str] = field(default_factory=dict)
     stated: bool = True
     evidence: Evidence | None = None
+    errors: Errors | None = None
+    complete: bool = True
 
     def __repr__(self) -> str:
         nodes = " × ".join(str(n) for n in self.lattice.shape[::-1])
         return f"Recovered({self.name!r}, {nodes} nodes of {1e3 * self.lattice.voxel:.3g} mm)"
-
-    @property
-    def complete(self) -> bool:
-        """Whether the recovery came to its end; it was interrupted otherwise."""
-        return self.evidence is not None
 
     @property
     def beta(self) -> float:
@@ -122,6 +134,10 @@ class Recovered:
         """Unit normals (h, w, 3), world axes, of the surface that a photograph shows, and the opacity (h, w)."""
         return self.rendering.normals(photograph, self.lattice)
 
+    def places(self, photograph: Photograph) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+        """Number (h, w) of the node of `distance`, `errors` … nearest to what a photograph shows, and the opacity."""
+        return self.rendering.nodes(photograph, self.lattice)
+
     def record(self) -> dict[str, Any]:
         """What was found, as plain data: the file beside a box."""
         scores = self.scores()
@@ -137,8 +153,27 @@ class Recovered:
             "size_m": edges.tolist(),
             "photographs": len(self.photographs),
             "material": self.evidence.material(self.gloss) if self.evidence and self.lit else None,
+            "errors": self._errors(),
             "kept_aside": [score._asdict() for score in scores],
             "assumptions": dict(self.assumptions),
+        }
+
+    def _errors(self) -> dict[str, Any] | None:
+        """Standard errors of places that photographs show, median and 95th percentile; the share that none shows."""
+        if self.errors is None or self.evidence is None:
+            return None
+        shown = np.isfinite(self.errors.position) & (self.evidence.photographs > 0)
+        all_of = {
+            "position_m": self.errors.position[shown],
+            "normal_rad": self.errors.normal[shown],
+            "body_colour": self.errors.colour[shown].ravel(),
+        }
+        surface = np.abs(self.distance) < 0.5
+        found = {key: np.quantile(v, (0.5, 0.95)).tolist() if v.size else None for key, v in all_of.items()}
+        return {
+            "quantiles": [0.5, 0.95],
+            **found,
+            "never_shown": float((self.evidence.photographs[surface] == 0).mean()),
         }
 
     def scores(self) -> list[Score]:

@@ -97,12 +97,21 @@ class Rendering:
 
     def normals(self, photograph: Photograph, lattice: Lattice) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
         """Unit normals (h, w, 3) of the surface that a camera sees, and the opacity (h, w) there."""
+        place, opacity = self._places(photograph, lattice)
+        normals = np.array(unit(self.field.slope_at(place)), np.float64).T
+        return normals.reshape(*opacity.shape, 3), opacity
+
+    def nodes(self, photograph: Photograph, lattice: Lattice) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+        """Number (h, w) of the node nearest to what a camera sees, and the opacity (h, w) there."""
+        place, opacity = self._places(photograph, lattice)
+        return self.field.nearest_node(place).reshape(opacity.shape), opacity
+
+    def _places(self, photograph: Photograph, lattice: Lattice) -> tuple[Array3f, NDArray[np.float32]]:
+        """Places of the lattice that the pixels of a camera see, and the opacity (h, w) there."""
         drawn = whole_picture(photograph, lattice)
         light = Rendering(self.field, self._of(photograph, lattice).shading, self.softness, shadows=False).light(drawn)
         place = dr.fma(drawn.rays.direction, light.seen.way, drawn.rays.origin)
-        normals = np.array(unit(self.field.slope_at(place)), np.float64).T
-        size = photograph.camera.height, photograph.camera.width
-        return normals.reshape(*size, 3), light.opacity.reshape(size)
+        return place, light.opacity.reshape(photograph.camera.height, photograph.camera.width)
 
     def _of(self, photograph: Photograph, lattice: Lattice) -> Rendering:
         """The same surface under the lamps of a photograph."""

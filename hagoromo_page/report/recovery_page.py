@@ -27,6 +27,8 @@ BEHIND = 0.93  # grey behind normals
 def write_recovery_report(path: Path, recovered: Recovered, record: dict[str, Any]) -> None:
     """Write the page to `path`: one self-contained HTML file. record: that of `Recovered.record`."""
     material = record["material"]
+    views = recovered.photographs[:: max(len(recovered.photographs) // VIEWS, 1)]
+    reach = nice(1e6 * record["errors"]["position_m"][1]) if record["errors"] else 0.0
     write_page(
         path,
         "recovery.html.j2",
@@ -39,7 +41,8 @@ def write_recovery_report(path: Path, recovered: Recovered, record: dict[str, An
             [s["name"], f"{s['psnr']:.2f}", f"{s['inside']:.2f}", f"{s['scaled']:.2f}"] for s in record["kept_aside"]
         ],
         shown=[_shown(recovered, kept) for kept in recovered.kept[:MOST_SHOWN]],
-        normals=[_normals(recovered, p) for p in recovered.photographs[:: max(len(recovered.photographs) // VIEWS, 1)]],
+        normals=[_normals(recovered, p) for p in views],
+        errors=[_errors(recovered, p, reach) for p in views] if reach else [],
         lit=recovered.lit,
         stated=recovered.stated,
         shadows=bool(record["hagoromo"]["settings"]["shadows"]),
@@ -50,11 +53,18 @@ def write_recovery_report(path: Path, recovered: Recovered, record: dict[str, An
 def _found(recovered: Recovered, record: dict[str, Any]) -> list[str]:
     size = " × ".join(f"{1e3 * edge:.4g}" for edge in record["size_m"])
     said = [f"The lattice measures {size} mm; its nodes are {1e3 * record['voxel_m']:.3g} mm apart."]
-    if recovered.evidence is not None:
-        near = np.abs(recovered.distance) < 0.5
-        never = float((recovered.evidence.seen[near] == 0).mean())
-        said.append(f"{100.0 * never:.1f} % of the surface is in no pixel that was used: it is closed smoothly there.")
+    if errors := record["errors"]:
+        position, normal, colour = (errors[key] for key in ("position_m", "normal_rad", "body_colour"))
+        said.append(
+            f"Standard errors, median and 95th percentile: position {_both(position, 1e6)} µm, "
+            f"normal {_both(normal, 180.0 / np.pi)}°, body colour {_both(colour, 100.0)} %."
+        )
+        said.append(f"{100.0 * errors['never_shown']:.1f} % of the surface is in no photograph: it is closed smoothly.")
     return said
+
+
+def _both(values: list[float], scale: float) -> str:
+    return " and ".join(f"{scale * value:.2g}" for value in values)
 
 
 def _gloss(material: dict[str, Any]) -> list[list[str]]:
@@ -107,6 +117,17 @@ def _normals(recovered: Recovered, photograph: Photograph) -> Any:
     times = max(round(PHOTOGRAPH_WIDTH_PX / 2 / pixels.shape[1]), 1)
     shown = pixels.repeat(times, axis=0).repeat(times, axis=1)
     return page_picture(shown, f"normals seen in {photograph.name}", photograph.name, lossless=True)
+
+
+def _errors(recovered: Recovered, photograph: Photograph, reach: float) -> str:
+    """The standard errors of the position that a view shows; grey where no photograph that was used shows the place."""
+    assert recovered.errors is not None and recovered.evidence is not None  # `reach` is known
+    node, opacity = recovered.places(photograph)
+    covered = opacity > COVERED
+    crop = around(covered) if covered.any() else (slice(0, covered.shape[0]), slice(0, covered.shape[1]))
+    error = 1e6 * recovered.errors.position.ravel()[node].astype(np.float64)
+    there = covered & np.isfinite(error) & (recovered.evidence.photographs.ravel()[node] > 0)
+    return map_picture(error, there, crop, "viridis", (0.0, reach), "µm", photograph.name)
 
 
 def _enlarged(linear: NDArray[np.floating]) -> NDArray[np.uint8]:

@@ -12,7 +12,7 @@ from hagoromo.recovery.export import conserving
 from hagoromo.recovery.recovered import score
 from studies.recover_scenes import Truth, shots, simulated
 
-SETTINGS = hg.RecoverySettings(side=32, steps=80, rays=1 << 14, keep=0)
+SETTINGS = hg.RecoverySettings(side=32, steps=80, rays=1 << 14, keep=0, errors=False)
 VOXEL = 0.0035  # m, about that of this lattice
 
 
@@ -103,8 +103,8 @@ def test_the_mesh_is_closed_and_looks_outwards(recovered, tmp_path):
 
 def test_places_that_photographs_show_are_counted(recovered):
     near = np.abs(recovered.distance) < 0.5
-    assert (recovered.evidence.seen[near] > 0).mean() > 0.8
-    assert recovered.evidence.seen[recovered.distance > 4.0].sum() == 0
+    assert (recovered.evidence.photographs[near] > 0).mean() > 0.8
+    assert recovered.evidence.photographs[recovered.distance > 4.0].sum() == 0
 
 
 def test_without_lamps_colours_are_the_light_that_is_sent_out(taken):
@@ -122,12 +122,40 @@ def test_one_seed_gives_the_same_bits_whatever_the_cores():
     found = []
     for count in (cores, cores, 1):
         dr.set_thread_count(count)
-        found.append(hg.recover(capture, hg.RecoverySettings(side=16, steps=6, rays=1 << 12, keep=0)))
+        found.append(hg.recover(capture, hg.RecoverySettings(side=16, steps=6, rays=1 << 12, keep=0, errors=False)))
     dr.set_thread_count(cores)
     for other in found[1:]:
         assert np.array_equal(found[0].distance, other.distance)
         assert np.array_equal(found[0].colours, other.colours)
         assert np.array_equal(found[0].gloss, other.gloss)
+
+
+def test_errors_of_places_are_about_those_that_there_are(taken, aside):
+    """On one level of the lattice, so that its own error is not in them: that of normals is."""
+    found = hg.recover(taken.capture, replace(SETTINGS, steps=30, errors=True))
+    errors, near = found.errors, np.abs(found.distance) < 1.0
+    assert np.isfinite(errors.position[near]).all() and np.isnan(errors.position[~near]).all()
+    angles, stated = [], []
+    for photograph, normals in zip(aside[0].capture.photographs, aside[0].normals, strict=True):
+        own, opacity = found.normals(photograph)
+        there = np.isfinite(normals[..., 0]) & (opacity > 0.9)
+        angles.append(np.arccos(np.clip((own * normals)[there].sum(axis=1), -1.0, 1.0)))
+        stated.append(errors.normal.ravel()[found.places(photograph)[0][there]])
+    ratio = np.sqrt(np.mean(np.concatenate(angles) ** 2) / np.nanmean(np.concatenate(stated) ** 2))
+    assert 0.4 < ratio < 2.0
+    record = found.record()["errors"]
+    assert record["position_m"][0] < record["position_m"][1] < VOXEL and record["never_shown"] < 0.2
+
+
+def test_a_mesh_file_holds_the_errors_of_its_vertices(recovered, tmp_path):
+    import trimesh
+
+    mesh = recovered.mesh()
+    assert np.isnan(mesh.position_errors).all()  # not asked for
+    mesh.save(tmp_path / "a.ply")
+    read = trimesh.load(tmp_path / "a.ply", process=False).metadata["_ply_raw"]["vertex"]["data"]
+    assert np.array_equal(read["photographs"].ravel(), mesh.photographs) and mesh.photographs.max() > 3
+    assert "position_error" in read.dtype.names and "normal_error" in read.dtype.names
 
 
 def test_an_interrupt_gives_what_there_is(taken):

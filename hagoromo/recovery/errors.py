@@ -1,0 +1,101 @@
+"""Errors of places: how far surface, normals and body colours may be from the truth.
+
+Every second photograph gives an object of its own, and the others give another one. Half of the difference between both
+is the standard error of what all photographs give together. It holds noise, and faults of model, lamps and poses that
+differ from photograph to photograph. Two objects say little of one place, so the square is a mean over the
+neighbourhood. Both objects share the error of the lattice. The edge of the surface is soft by a share of a voxel, so
+the position has an error in proportion to the voxel: it is as large as what the last halving of the voxel changed
+(Richardson 1911), and is added. What all photographs share, such as a wrong scale, is in neither.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from hagoromo.backend import arrays, column
+from hagoromo.recovery.distance_field import COLOURS, DistanceField
+from hagoromo.recovery.levels import Shape
+
+Array = NDArray[np.float64]
+
+NEAR = 1.0  # voxels from the surface within which nodes get errors
+NEIGHBOURHOOD = 2.5  # voxels, radius of the means
+NEWTON_STEPS, STEEP = 4, 0.1  # towards the surface; least |∇d|² that a step divides by
+
+
+class Surface(NamedTuple):
+    """Of places: signed distance [m], unit normals (n, 3) and body colours (n, 3)."""
+
+    distance: Array
+    normals: Array
+    colours: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Errors:
+    """Standard errors of the nodes near the surface, NaN elsewhere.
+
+    position: (nz, ny, nx) along the normal [m]. normal: (nz, ny, nx) root of the mean square angle [rad]. colour:
+    (nz, ny, nx, 3) of body colours.
+    """
+
+    position: NDArray[np.float32]
+    normal: NDArray[np.float32]
+    colour: NDArray[np.float32]
+
+
+def errors_of(found: Shape, halves: Sequence[Shape], before: Shape | None) -> Errors:
+    """Errors of what was found. halves: what each half of the photographs gives. before: found one level earlier."""
+    near = np.abs(found.distance) < NEAR
+    places = found.lattice.to_world(_on_surface(found, np.argwhere(near)[:, ::-1].astype(float)))
+    first, second = (_surface(each, places) for each in halves)
+    position = 0.25 * (first.distance - second.distance) ** 2
+    if before is not None:
+        position += _surface(before, places).distance ** 2
+    normal = 0.25 * _angles(first.normals, second.normals) ** 2
+    colour = 0.25 * (first.colours - second.colours) ** 2
+    around = KDTree(places).query_ball_point(places, NEIGHBOURHOOD * found.lattice.voxel)
+    squares = np.concatenate([position[:, None], normal[:, None], colour], axis=1)
+    error = np.sqrt([squares[each].mean(axis=0) for each in around])
+    maps = np.full((*near.shape, error.shape[1]), np.nan, np.float32)
+    maps[near] = error
+    return Errors(maps[..., 0], maps[..., 1], maps[..., 2 : 2 + COLOURS])
+
+
+def _on_surface(shape: Shape, places: Array) -> Array:
+    """The places (n, 3) of the surface before or behind others [voxel], by Newton's steps along the normal."""
+    for _ in range(NEWTON_STEPS):
+        distance, slope = _looked_up(shape, places)
+        places = places - distance[:, None] * slope / np.maximum((slope * slope).sum(axis=1, keepdims=True), STEEP)
+    return places
+
+
+def _surface(shape: Shape, places: Array) -> Surface:
+    """What an object has at places of the world (n, 3) [m]."""
+    own = shape.lattice.from_world(places)
+    distance, slope = _looked_up(shape, own)
+    normals = slope / np.maximum(np.linalg.norm(slope, axis=1, keepdims=True), 1e-12)
+    field = DistanceField(shape.distance, shape.colours)
+    colours = np.stack([np.array(each, np.float64) for each in field.colours_at(_points(own))], axis=1)
+    return Surface(distance * shape.lattice.voxel, normals, colours)
+
+
+def _looked_up(shape: Shape, places: Array) -> tuple[Array, Array]:
+    """Distance [voxel] and its slope at lattice places (n, 3)."""
+    field, at = DistanceField(shape.distance, shape.colours), _points(places)
+    return np.array(field.distance_at(at), np.float64), np.array(field.slope_at(at), np.float64).T
+
+
+def _points(places: Array) -> Any:
+    return arrays().Array3f(*(column(arrays().Float, each.astype(np.float32)) for each in places.T))
+
+
+def _angles(first: Array, second: Array) -> Array:
+    """Angles between unit vectors [rad]."""
+    return 2.0 * np.arcsin(np.clip(0.5 * np.linalg.norm(first - second, axis=1), 0.0, 1.0))
