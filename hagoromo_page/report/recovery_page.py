@@ -38,6 +38,7 @@ def write_recovery_report(path: Path, recovered: Recovered, record: dict[str, An
         scores=[
             [s["name"], f"{s['psnr']:.2f}", f"{s['inside']:.2f}", f"{s['scaled']:.2f}"] for s in record["kept_aside"]
         ],
+        assumptions=record["assumptions"],
         shown=[_shown(recovered, kept) for kept in recovered.kept[:MOST_SHOWN]],
         normals=[_normals(recovered, p) for p in recovered.photographs[:: max(len(recovered.photographs) // VIEWS, 1)]],
         lit=recovered.lit,
@@ -50,6 +51,8 @@ def write_recovery_report(path: Path, recovered: Recovered, record: dict[str, An
 def _found(recovered: Recovered, record: dict[str, Any]) -> list[str]:
     size = " × ".join(f"{1e3 * edge:.4g}" for edge in record["size_m"])
     said = [f"The lattice measures {size} mm; its nodes are {1e3 * record['voxel_m']:.3g} mm apart."]
+    if record["assumptions"].get("scale", "").startswith("none"):
+        said.append("These are not real millimetres: nothing gave the photographs a scale.")
     if recovered.evidence is not None:
         near = np.abs(recovered.distance) < 0.5
         never = float((recovered.evidence.seen[near] == 0).mean())
