@@ -199,7 +199,8 @@ def _match(package: Any, base: Path, names: Mapping[str, str], settings: ViewsSe
         package.match_image_pairs(base, matching, pairing, geometry, package.Device.cpu)
     pairing.match_list_path.unlink(missing_ok=True)
     with _opened(package, base) as database:
-        agreeing = database.num_verified_image_pairs()
+        _, inliers = database.read_two_view_geometry_num_inliers()
+    agreeing = sum(count >= geometry.min_num_inliers for count in inliers)
     if agreeing < LEAST_VIEWS - 1:
         raise InputError(
             f"{agreeing} of {len(pairs_of(len(names)))} pairs of photographs share enough points: take them 5 to 15° "
