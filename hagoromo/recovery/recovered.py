@@ -169,7 +169,7 @@ def score(photograph: Photograph, silhouette: NDArray[np.bool_], light: NDArray[
     predicted = light[..., : values.shape[2]].astype(np.float64)
     beside = ~silhouette & ~photograph.mask if photograph.silhouette is not None else np.zeros_like(silhouette)
     values = np.where(beside[..., None], 0.0, values)
-    beside &= ~ndimage.binary_dilation(silhouette, np.ones((3, 3)))
+    beside &= ~np.asarray(ndimage.binary_dilation(silhouette, np.ones((3, 3))), np.bool_)
     valid = (photograph.mask | beside) & np.isfinite(values).all(axis=2)
     peak = float(values[valid].max())
     inside = valid & silhouette

@@ -142,7 +142,7 @@ def test_lamps_are_fixed_to_the_camera_or_in_space():
     for name, view in VIEWS.items():
         rotation = view.world_to_camera[:3, :3]
         np.testing.assert_allclose(rotation @ moving[name][1].place, (0.0, 0.6, -0.8), atol=1e-12)
-        np.testing.assert_allclose(rotation @ moving[name][0].axis, (0.0, 0.0, 1.0), atol=1e-12)
+        np.testing.assert_allclose(rotation @ np.asarray(moving[name][0].axis), (0.0, 0.0, 1.0), atol=1e-12)
         assert [lamp.place.tolist() for lamp in still[name]] == [lamp.place.tolist() for lamp in still["view00.png"]]
     np.testing.assert_allclose(still["view00.png"][1].place, moving["view03.png"][1].place)
     assert "view03" in said

@@ -69,9 +69,11 @@ def test_simulated_photographs_give_their_poses_lens_and_size(simulated):
     off = misfit(found, true, MIDDLE)
     # features are placed to some 0.3 px of 420 px, or 0.04°, each; a pose has hundreds
     assert off.place < 1e-3 and off.turn < 0.05
-    assert off.size == pytest.approx(1.0, abs=max(4.0 * written.scale.error, 2e-3))  # the scale is in metres already
-    lens = next(iter(found.views.values()))
-    assert lens.focal[0] == pytest.approx(420.0, rel=2e-3) and lens.distortion[0] == pytest.approx(-0.12, abs=0.01)
+    assert written.scale is not None and abs(off.size - 1.0) < 4.0 * written.scale.error < 0.01  # in metres already
+    lens, error = next(iter(found.views.values())), found.lens_error
+    assert set(error) == {"fl_x", "k1"}
+    assert abs(lens.focal[0] - 420.0) < 4.0 * error["fl_x"] < 2.0
+    assert abs(lens.distortion[0] + 0.12) < 4.0 * error["k1"] < 0.02
     assert found.rms_of_all < 0.5
 
 
@@ -128,7 +130,9 @@ def of_llff(path: Path, names: list[str], size: float) -> dict[str, hg.Camera]:
 
 @real_data("ethiopian_head")
 def test_a_bust_on_a_turntable_gives_the_poses_of_its_set(tmp_path):
-    """32 neighbours of its 66 photographs; the set's own poses are of structure from motion, too."""
+    """32 neighbours of its 66 photographs. The set's own poses are of structure from motion, too, with a lens whose
+    distortion and principal point it does not state; so the focal length is not compared.
+    """
     home = DATA / "ethiopian_head"
     paths = sorted((home / "images").glob("*.jpg"))
     true = of_llff(home / "poses_bounds.csv", [path.name for path in paths], 0.2)
@@ -139,4 +143,3 @@ def test_a_bust_on_a_turntable_gives_the_poses_of_its_set(tmp_path):
     off = misfit(written.structure, true, np.zeros(3))
     assert len(written.structure.views) == 32
     assert off.place < 0.01 and off.turn < 0.5
-    assert next(iter(written.structure.views.values())).focal[0] == pytest.approx(1508.7, rel=0.05)

@@ -230,6 +230,7 @@ def _record(found: Structure, size: Scale | None, settings: ViewsSettings) -> di
         "lens": {
             **dict(zip(("fl_x", "fl_y", "cx", "cy"), (*camera.focal, *camera.principal), strict=True)),
             **dict(zip(COEFFICIENTS, camera.distortion, strict=True)),
+            "standard_error": dict(found.lens_error),
         },
         "points": len(found.points),
         "rms_px": found.rms_of_all,
@@ -242,12 +243,20 @@ def _record(found: Structure, size: Scale | None, settings: ViewsSettings) -> di
 
 
 def _said_of_lens(found: Structure, lens: Lens) -> str:
+    """Focal length and distortion with their standard errors, how many photographs are placed, and how well."""
     camera = next(iter(found.views.values()))
     count = len(found.views) + len(found.left_out)
     how = "as given, " if lens.camera is not None else ""
-    k1, k2 = camera.distortion[:2]
+    figures = {"focal length": camera.focal[0], **dict(zip(COEFFICIENTS[:2], camera.distortion, strict=False))}
+    errors = [found.lens_error.get("fl_x"), *(found.lens_error.get(key) for key in COEFFICIENTS[:2])]
+    lens_said = ", ".join(
+        f"{what} {figure:.5g}"
+        + ("" if error is None else f" ± {error:.2g}")
+        + (" px" if what == "focal length" else "")
+        for (what, figure), error in zip(figures.items(), errors, strict=True)
+    )
     return (
-        f"{how}focal length {camera.focal[0]:.5g} px, k1 {k1:.3g}, k2 {k2:.3g}; {len(found.views)} of {count} "
+        f"{how}{lens_said}; {len(found.views)} of {count} "
         f"photographs placed by {len(found.points)} points, residuals {found.rms_of_all:.3f} px (root mean square)"
     )
 

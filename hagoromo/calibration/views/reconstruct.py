@@ -127,7 +127,32 @@ def read_structure(folder: Path, photographs: Sequence[str], lens: Lens) -> Stru
         at *= np.array(lens.size) / (image.camera.width, image.camera.height)
         sightings[name] = Sightings(np.array([index[one.point3D_id] for one in seen], np.int64), at)
     why = "it shares too few points with the others"
-    return Structure(views, points, sightings, {name: why for name in photographs if name not in views})
+    found = Structure(views, points, sightings, {name: why for name in photographs if name not in views})
+    known = lens.camera is not None
+    return found if known else replace(found, lens_error=_lens_error(model, lens, found.rms_of_all))
+
+
+def _lens_error(model: Any, lens: Lens, rms: float) -> dict[str, float]:
+    """Standard errors of focal length [px] and distortion, whatever the poses and points are; none where they fail.
+
+    rms: of the length of the residuals [px]; COLMAP's own errors are those of residuals of 1 px a direction.
+    """
+    package, config = colmap(), colmap().BundleAdjustmentConfig()
+    for number in model.reg_image_ids():
+        config.add_image(number)
+    config.fix_gauge(package.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
+    options = package.BundleAdjustmentOptions()
+    options.print_summary = False
+    adjuster = package.create_default_ceres_bundle_adjuster(options, config, model)
+    found = package.estimate_ba_covariance(package.BACovarianceOptions(), model, adjuster)
+    camera = next(iter(model.cameras.values()))
+    across = lens.size[0] / camera.width
+    covariance = None if found is None else found.get_other_params_cov(camera.params)
+    if covariance is None:
+        return {}
+    errors = np.sqrt(np.diag(covariance)) * rms / across / np.sqrt(2.0)
+    terms = [float(error) for error in errors[len(errors) - len(camera.extra_params_idxs()) :]]
+    return {"fl_x": float(errors[0]) * across, **{f"k{n + 1}": error for n, error in enumerate(terms)}}
 
 
 def _name(number: int) -> str:

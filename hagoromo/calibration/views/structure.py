@@ -31,13 +31,15 @@ class Structure:
     """Cameras and points of photographs of many views.
 
     views: name of the photograph → its camera, posed. points: (n, 3) in the unit of the poses. sightings: name → points
-    that it shows. left_out: name of a photograph without a camera → why.
+    that it shows. left_out: name of a photograph without a camera → why. lens_error: standard errors of what was fitted
+    of the lens, by the keys of camera.json, from the spread of the residuals.
     """
 
     views: Mapping[str, Camera]
     points: Array
     sightings: Mapping[str, Sightings]
     left_out: Mapping[str, str] = field(default_factory=dict)
+    lens_error: Mapping[str, float] = field(default_factory=dict)
 
     def residuals(self, name: str) -> Array:
         """(m, 2) measured minus predicted points of a photograph [px]."""
