@@ -51,7 +51,7 @@ def write_measure_report(path: Path, measurement: Measurement) -> None:
         parameters=len(rows[0]) if len({len(own) for own in rows}) == 1 else 0,
         findings=[*found, *findings_of_terms(measurement.terms)],
         missing=missing(found) + _own_light_missing(measurement),
-        assumptions=measurement.assumptions,
+        assumptions=[f"{what}: {said}" for what, said in measurement.assumptions.items()],
         linearity=measurement.linearity,
         remarks=[f"{m.name}: {remark}" for m in measurement.materials for remark in m.remarks],
         unconverged=[f"{m.name}: {note}" for m in measurement.materials for note in getattr(m, "unconverged", ())],

@@ -38,7 +38,7 @@ def write_recovery_report(path: Path, recovered: Recovered, record: dict[str, An
         scores=[
             [s["name"], f"{s['psnr']:.2f}", f"{s['inside']:.2f}", f"{s['scaled']:.2f}"] for s in record["kept_aside"]
         ],
-        assumptions=record["assumptions"],
+        assumptions=[f"{what}: {said}" for what, said in record["assumptions"].items()],
         shown=[_shown(recovered, kept) for kept in recovered.kept[:MOST_SHOWN]],
         normals=[_normals(recovered, p) for p in recovered.photographs[:: max(len(recovered.photographs) // VIEWS, 1)]],
         lit=recovered.lit,

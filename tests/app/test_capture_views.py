@@ -209,6 +209,12 @@ def test_photographs_that_do_not_go_together_are_refused(photographs, imitated, 
     assert not out.exists()
 
 
+def test_photographs_that_cannot_be_developed_are_refused_before_the_search(photographs, imitated, tmp_path):
+    with pytest.raises(InputError, match="8 bits, which are rarely linear"):
+        hg.capture_views([photographs / name for name in VIEWS], tmp_path / "capture")
+    assert not imitated
+
+
 def _grey_of_last(paths):
     from hagoromo.calibration.views.view_photographs import view_photographs
 

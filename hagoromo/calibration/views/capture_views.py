@@ -35,6 +35,7 @@ from hagoromo.files.resumable import resumable_folder
 from hagoromo.files.whole import replaceable_folder, whole_folder, write_text
 from hagoromo.photograph.capture_folder import BYTES_PER_VALUE, IMAGES, MASKS, write_frame, write_frames
 from hagoromo.photograph.developing import AS_IN_THE_FILES, ESTIMATE, Developing
+from hagoromo.photograph.one_exposure import read_frame
 from hagoromo.photograph.pixels import default_channels
 from hagoromo.photograph.session import Masks
 from hagoromo.photograph.shot import ShotReader
@@ -107,6 +108,9 @@ def capture_views(
     if developing.transfer == ESTIMATE:
         raise InputError("the transfer curve of many views is not estimated: state linear, srgb or a CSV (--transfer)")
     given = view_photographs(photographs, masks, developing.exposures_s, developing.iso)
+    first = given.paths[given.names[0]]
+    if first.suffix.lower() != ".exr":
+        read_frame(first, developing.stated)  # what cannot be developed is refused before the long search
     if response is not None and not isinstance(response, Response):
         response = Response.load(response)
     lens = _lens(given, read_camera(camera) if isinstance(camera, (str, Path)) else camera)

@@ -21,6 +21,7 @@ from hagoromo.calibration.views.structure import Sightings, Structure
 from hagoromo.camera.camera import Camera
 from hagoromo.camera.pose import pose_of
 from hagoromo.errors import InputError
+from hagoromo.files.picture import picture_size
 from hagoromo.files.png import write_png
 from hagoromo.files.reading import library
 from hagoromo.progress import Progress, part_of
@@ -28,13 +29,19 @@ from hagoromo.progress import Progress, part_of
 LEAST_VIEWS = 3
 LENSES = {0: "SIMPLE_PINHOLE", 1: "SIMPLE_RADIAL", 2: "RADIAL"}  # fitted coefficients of distortion → COLMAP's model
 FOCAL_GUESS = 1.2  # focal length over the longer side where the photographs do not state it, COLMAP's own
-FAINTEST = 0.004  # contrast of a feature; COLMAP's own, 0.0067, leaves too few on smooth matter
+FAINTEST = 0.002  # contrast of a feature; COLMAP's own, 0.0067, leaves too few on smooth matter
 MOST_FEATURES = 4096  # of a picture, the coarsest first
+SHAPED = True
+GUIDED = True
 ALL_PAIRS = 120  # photographs up to which all pairs are matched
 NEIGHBOURS = 40  # of more, each is matched with so many that follow it by name, around the end
 BEGIN = 0.05  # of the progress at which the pictures are written
 SHARES = (0.4, 0.85)  # of the progress at which features and matches are done
 FEATURES = "features.db"
+ADVICE = (
+    "take them 5 to 15° apart, sharp, of an object with details; with an object on a turntable, add turntable "
+    "(--turntable) and masks"
+)
 Pictures = Callable[[int], tuple[NDArray[np.uint8], NDArray[np.bool_] | None]]
 
 
@@ -97,14 +104,12 @@ def reconstruct(
     pictures: number of the photograph → grey picture, and where points may be sought. `InputError` where no two
     photographs share enough points, or fewer than three can be placed.
     """
-    package = colmap()
-    names, base = {_name(number): name for number, name in enumerate(photographs)}, work / FEATURES
+    search = _Search(colmap(), work, {_name(number): name for number, name in enumerate(photographs)}, lens, settings)
     first, second = SHARES
-    size = _write_pictures(pictures, names, work, part_of(progress, 0.0, BEGIN, "pictures"))
-    _find_features(package, base, names, lens, size, settings, part_of(progress, BEGIN, first - BEGIN, "features"))
-    _match(package, base, names, settings, part_of(progress, first, second - first, "matches"))
-    model = _place(package, base, len(names), lens, settings, part_of(progress, second, 1.0 - second, "cameras"))
-    model.write_binary(work)
+    search.write_pictures(pictures, part_of(progress, 0.0, BEGIN, "pictures"))
+    search.find_features(part_of(progress, BEGIN, first - BEGIN, "features"))
+    search.match(part_of(progress, first, second - first, "matches"))
+    search.place(part_of(progress, second, 1.0 - second, "cameras")).write_binary(work)
     for left in (*(work / "pictures").iterdir(), *(work / "masks").iterdir(), *work.glob(FEATURES + "*")):
         left.unlink()
     (work / "pictures").rmdir()
@@ -159,79 +164,115 @@ def _name(number: int) -> str:
     return f"{number:06d}.png"
 
 
-def _write_pictures(pictures: Pictures, names: Mapping[str, str], work: Path, progress: Progress) -> tuple[int, int]:
-    """Write what is not there yet; (width, height) of the pictures."""
-    from hagoromo.files.picture import picture_size
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """One search for cameras. names: file of the picture → name of the photograph."""
 
-    for folder in ("pictures", "masks"):
-        (work / folder).mkdir(exist_ok=True)
-    for number, (name, photograph) in enumerate(names.items()):
-        progress(number / len(names), photograph)
-        if not (work / "pictures" / name).exists():
-            grey, allowed = pictures(number)
-            if allowed is not None:
-                write_png(work / "masks" / f"{name}.png", allowed.astype(np.uint8) * 255)
-            write_png(work / "pictures" / name, grey)
-    height, width = picture_size(work / "pictures" / _name(0))
-    return width, height
+    package: Any
+    work: Path
+    names: Mapping[str, str]
+    lens: Lens
+    settings: ViewsSettings
 
+    @property
+    def base(self) -> Path:
+        """The database."""
+        return self.work / FEATURES
 
-def _find_features(
-    package: Any,
-    base: Path,
-    names: Mapping[str, str],
-    lens: Lens,
-    size: tuple[int, int],
-    settings: ViewsSettings,
-    progress: Progress,
-) -> None:
-    """Find the features of the pictures that have none yet."""
-    home = base.parent
-    reader, extraction = package.ImageReaderOptions(), package.FeatureExtractionOptions()
-    reader.camera_model, figures = lens.model(size, settings.coefficients)
-    reader.camera_params = ",".join(f"{figure:.17g}" for figure in figures)
-    reader.default_focal_length_factor = FOCAL_GUESS
-    extraction.use_gpu, extraction.num_threads = False, 1
-    extraction.sift.peak_threshold, extraction.sift.max_num_features = FAINTEST, MOST_FEATURES
-    if any((home / "masks").iterdir()):
-        reader.mask_path = home / "masks"
-    if not base.exists():
-        partial = home / (FEATURES + ".partial")
-        package.Database.open(partial).close()
-        package.import_images(partial, home / "pictures", package.CameraMode.SINGLE, list(names), reader)
-        partial.replace(base)
-    for number, (name, photograph) in enumerate(names.items()):
-        progress(number / len(names), photograph)
-        package.extract_features(
-            base, home / "pictures", [name], package.CameraMode.SINGLE, reader, extraction, package.Device.cpu
+    def write_pictures(self, pictures: Pictures, progress: Progress) -> None:
+        """Write the pictures and masks that are not there yet."""
+        for folder in ("pictures", "masks"):
+            (self.work / folder).mkdir(exist_ok=True)
+        for number, (name, photograph) in enumerate(self.names.items()):
+            progress(number / len(self.names), photograph)
+            if not (self.work / "pictures" / name).exists():
+                grey, allowed = pictures(number)
+                if allowed is not None:
+                    write_png(self.work / "masks" / f"{name}.png", allowed.astype(np.uint8) * 255)
+                write_png(self.work / "pictures" / name, grey)
+
+    def find_features(self, progress: Progress) -> None:
+        """Find the features of the pictures that have none yet."""
+        package, home = self.package, self.work / "pictures"
+        height, width = picture_size(home / _name(0))
+        reader, extraction = package.ImageReaderOptions(), package.FeatureExtractionOptions()
+        reader.camera_model, figures = self.lens.model((width, height), self.settings.coefficients)
+        reader.camera_params = ",".join(f"{figure:.17g}" for figure in figures)
+        reader.default_focal_length_factor = FOCAL_GUESS
+        extraction.use_gpu, extraction.num_threads = False, 1
+        extraction.sift.peak_threshold, extraction.sift.max_num_features = FAINTEST, MOST_FEATURES
+        extraction.sift.estimate_affine_shape = extraction.sift.domain_size_pooling = SHAPED
+        if any((self.work / "masks").iterdir()):
+            reader.mask_path = self.work / "masks"
+        if not self.base.exists():
+            partial = self.work / (FEATURES + ".partial")
+            package.Database.open(partial).close()
+            package.import_images(partial, home, package.CameraMode.SINGLE, list(self.names), reader)
+            partial.replace(self.base)
+        for number, (name, photograph) in enumerate(self.names.items()):
+            progress(number / len(self.names), photograph)
+            single, cpu = package.CameraMode.SINGLE, package.Device.cpu
+            package.extract_features(self.base, home, [name], single, reader, extraction, cpu)
+
+    def match(self, progress: Progress) -> None:
+        """Match the pairs that are not matched yet; `InputError` where no pair agrees."""
+        package, pairs = self.package, pairs_of(len(self.names))
+        matching, pairing = package.FeatureMatchingOptions(), package.ImportedPairingOptions()
+        geometry = package.TwoViewGeometryOptions()
+        matching.use_gpu, matching.num_threads, matching.guided_matching = False, 1, GUIDED
+        geometry.ransac.random_seed, geometry.ransac.num_threads = self.settings.seed, 1
+        pairing.match_list_path = self.work / "pairs.txt"
+        partners: dict[int, list[int]] = {}
+        for first, second in pairs:
+            partners.setdefault(first, []).append(second)
+        for done, (first, others) in enumerate(partners.items()):
+            progress(done / len(partners), self.names[_name(first)])
+            pairing.match_list_path.write_text("".join(f"{_name(first)} {_name(other)}\n" for other in others))
+            package.set_random_seed(self.settings.seed)  # anew, so that work which goes on ends as work not cut off
+            package.match_image_pairs(self.base, matching, pairing, geometry, package.Device.cpu)
+        pairing.match_list_path.unlink(missing_ok=True)
+        with _opened(package, self.base) as database:
+            _, inliers = database.read_two_view_geometry_num_inliers()
+        agreeing = sum(count >= geometry.min_num_inliers for count in inliers)
+        if agreeing < LEAST_VIEWS - 1:
+            raise InputError(f"{agreeing} of {len(pairs)} pairs of photographs share enough points: {ADVICE}")
+
+    def place(self, progress: Progress) -> Any:
+        """The largest model of cameras and points; `InputError` where it places fewer than three photographs."""
+        package, options, count = self.package, self._mapping(), len(self.names)
+        package.set_random_seed(self.settings.seed)
+        placed, stopped, token = [0], [], package.CancellationToken()
+
+        def another() -> None:
+            placed[0] += 1
+            try:
+                progress(min(placed[0] / count, 1.0), f"{placed[0]} placed")
+            except BaseException as error:  # which must not pass through compiled code
+                stopped.append(error)
+                token.cancel()
+
+        models = package.incremental_mapping(
+            self.base, self.work / "pictures", self.work, options, "", another, another, token
         )
+        if stopped:
+            raise stopped[0]
+        for folder in (self.work / str(number) for number in models):
+            _remove_model(folder)
+        largest = max(models.values(), key=lambda model: (model.num_reg_images(), model.num_points3D()), default=None)
+        if largest is None or largest.num_reg_images() < LEAST_VIEWS:
+            found = 0 if largest is None else largest.num_reg_images()
+            raise InputError(f"{found} of {count} photographs can be placed by the points that they share: {ADVICE}")
+        return largest
 
-
-def _match(package: Any, base: Path, names: Mapping[str, str], settings: ViewsSettings, progress: Progress) -> None:
-    """Match the pairs that are not matched yet; `InputError` where no pair agrees."""
-    matching, pairing = package.FeatureMatchingOptions(), package.ImportedPairingOptions()
-    geometry = package.TwoViewGeometryOptions()
-    matching.use_gpu, matching.num_threads = False, 1
-    geometry.ransac.random_seed, geometry.ransac.num_threads = settings.seed, 1
-    pairing.match_list_path = base.parent / "pairs.txt"
-    partners: dict[int, list[int]] = {}
-    for first, second in pairs_of(len(names)):
-        partners.setdefault(first, []).append(second)
-    for done, (first, others) in enumerate(partners.items()):
-        progress(done / len(partners), names[_name(first)])
-        pairing.match_list_path.write_text("".join(f"{_name(first)} {_name(other)}\n" for other in others))
-        package.set_random_seed(settings.seed)  # anew, so that work which goes on ends as work that was not cut off
-        package.match_image_pairs(base, matching, pairing, geometry, package.Device.cpu)
-    pairing.match_list_path.unlink(missing_ok=True)
-    with _opened(package, base) as database:
-        _, inliers = database.read_two_view_geometry_num_inliers()
-    agreeing = sum(count >= geometry.min_num_inliers for count in inliers)
-    if agreeing < LEAST_VIEWS - 1:
-        raise InputError(
-            f"{agreeing} of {len(pairs_of(len(names)))} pairs of photographs share enough points: take them 5 to 15° "
-            "apart, sharp, of an object with details; with an object on a turntable, add turntable (--turntable) and "
-            "masks"
-        )
+    def _mapping(self) -> Any:
+        options, fitted = self.package.IncrementalPipelineOptions(), self.lens.camera is None
+        options.min_model_size, options.num_threads, options.random_seed = LEAST_VIEWS, 1, self.settings.seed
+        options.mapper.num_threads, options.mapper.random_seed = 1, self.settings.seed
+        options.triangulation.random_seed = self.settings.seed
+        options.extract_colors = False
+        options.ba_refine_focal_length = options.ba_refine_extra_params = fitted
+        options.mapper.abs_pose_refine_focal_length = options.mapper.abs_pose_refine_extra_params = fitted
+        return options
 
 
 def pairs_of(count: int) -> list[tuple[int, int]]:
@@ -240,44 +281,6 @@ def pairs_of(count: int) -> list[tuple[int, int]]:
         return list(combinations(range(count), 2))
     near = {tuple(sorted((k, (k + step) % count))) for k in range(count) for step in range(1, NEIGHBOURS + 1)}
     return sorted((int(first), int(second)) for first, second in near)
-
-
-def _place(package: Any, base: Path, count: int, lens: Lens, settings: ViewsSettings, progress: Progress) -> Any:
-    """The largest model of cameras and points; `InputError` where it places fewer than three photographs."""
-    package.set_random_seed(settings.seed)
-    options, known = package.IncrementalPipelineOptions(), lens.camera is not None
-    options.min_model_size, options.num_threads, options.random_seed = LEAST_VIEWS, 1, settings.seed
-    options.mapper.num_threads, options.mapper.random_seed = 1, settings.seed
-    options.triangulation.random_seed = settings.seed
-    options.extract_colors = False
-    options.ba_refine_focal_length = options.ba_refine_extra_params = not known
-    options.mapper.abs_pose_refine_focal_length = options.mapper.abs_pose_refine_extra_params = not known
-    placed, stopped, token = [0], [], package.CancellationToken()
-
-    def another() -> None:
-        placed[0] += 1
-        try:
-            progress(min(placed[0] / count, 1.0), f"{placed[0]} placed")
-        except BaseException as error:  # which must not pass through compiled code
-            stopped.append(error)
-            token.cancel()
-
-    models = package.incremental_mapping(
-        base, base.parent / "pictures", base.parent, options, "", another, another, token
-    )
-    if stopped:
-        raise stopped[0]
-    largest = max(models.values(), key=lambda model: (model.num_reg_images(), model.num_points3D()), default=None)
-    for folder in (base.parent / str(number) for number in models):
-        _remove_model(folder)
-    if largest is None or largest.num_reg_images() < LEAST_VIEWS:
-        found = 0 if largest is None else largest.num_reg_images()
-        raise InputError(
-            f"{found} of {count} photographs can be placed by the points that they share: take them 5 to 15° "
-            "apart, sharp, of an object with details; with an object on a turntable, add turntable (--turntable) and "
-            "masks"
-        )
-    return largest
 
 
 def _remove_model(folder: Path) -> None:
