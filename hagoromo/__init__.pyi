@@ -44,6 +44,10 @@ from .photograph.lit_photographs import capture as capture
 from .photograph.capture import Capture as Capture, load_capture as load_capture, save_capture as save_capture
 
 # Calibration
+from .calibration.views.capture_views import CapturedViews as CapturedViews, capture_views as capture_views
+from .calibration.views.known_length import KnownBall as KnownBall, KnownLength as KnownLength
+from .calibration.views.reconstruct import ViewsSettings as ViewsSettings
+from .calibration.views.view_light import ViewLight as ViewLight
 from .calibration.camera.board import Board as Board
 from .calibration.camera.calibrate_camera import (
     CameraCalibration as CameraCalibration,

@@ -53,7 +53,7 @@ def calibrate_camera(
     _, plot = with_picture(out).files
     if plot == out:
         raise InputError(f"{out} is the name of a picture: give a name that ends in .json")
-    target = _board(board, square, marker, dictionary, window)
+    target = board_of(board, square, marker, dictionary, window)
     with whole_files((out, plot), force) as (record, picture), progress_bar("calibrate camera") as progress:
         calibration = hg.calibrate_camera(photographs, target, coefficients, square_pixels, progress)
         calibration.save(record)
@@ -214,7 +214,9 @@ def calibrate_response(
     wrote(*targets)
 
 
-def _board(corners: str, square: float, marker: float, dictionary: str, window: int | None) -> hg.Board:
+def board_of(
+    corners: str, square: float, marker: float = 0.0, dictionary: str = "4X4_50", window: int | None = None
+) -> hg.Board:
     """The board of a command line: corners such as "9x6"."""
     match = re.fullmatch(r"(\d+)x(\d+)", corners)
     if match is None:

@@ -14,6 +14,7 @@ import hagoromo as hg
 from hagoromo.app.progress_bar import progress_bar
 from hagoromo.app.shared_options import AS_STATED, Sensor, SensorOptions
 from hagoromo.app.verb import Force, Out, say, verb, verbs, wrote
+from hagoromo.app.views_options import ONE_VIEW, ManyViews, check_one_view, light_of, scale_of, write_views
 from hagoromo.errors import InputError
 from hagoromo.files.whole import replaceable_folder
 
@@ -43,9 +44,12 @@ def capture(
     dark_exposures: tuple[float, ...] = (),
     flat: tuple[Path, ...] = (),
     sensor: Sensor = AS_STATED,
+    many: ManyViews = ONE_VIEW,
     force: Force = False,
 ) -> None:
     """Photographs of one view, one lamp on in each → a capture for `measure`; any number, in the memory of one.
+
+    With --views: photographs taken all around an object → a capture for `recover`.
 
     Args:
         photographs: RAW, TIFF, JPEG or PNG as the camera left them, or EXR of `develop`, all from one viewpoint.
@@ -53,13 +57,15 @@ def capture(
             matches, lamps are assigned in order.
         ball: picture that is white on a chrome ball in the photographs, or its circle x,y,radius in pixels, one for
             each ball, in place of lamps: each photograph then shows where its own lamp is. auto: the balls are found;
-            see balls.png of the capture. Balls are no part of the object.
+            see balls.png of the capture. Balls are no part of the object. With --views, a ball of known size that
+            gives the scale: PHOTOGRAPH,x,y,radius of its outline in two photographs or more.
         radius: radius of the balls [m]: two or more then place near lamps, with a calibrated camera.
         camera: camera.json of `calibrate camera`, or OpenCV's YAML, as given to `calibrate lamps`; or orthographic.
             Without it the focal length in the EXIF is used, or else the view is assumed orthographic.
         response: CSV of `calibrate response`, or the name of a known camera.
         mask: PNG that is white on the object: one for all photographs, or one each. auto: the object is found in the
-            photographs; a PNG after it corrects that, white object, black background, grey as found.
+            photographs; a PNG after it corrects that, white object, black background, grey as found. With --views
+            also a folder: the mask of IMG_1.jpg is IMG_1.png there.
         spectrum: spectrum of the lamps: a name such as A or D65, or a CSV.
         intensity: intensity of the lamps, instead of that in lamps.json: one number, or one per channel. Under a far
             lamp of intensity 3.1416 a white patch that faces it has the value 1.
@@ -80,6 +86,14 @@ def capture(
         exposures_s=stated.pop("exposures"), darks=dark, dark_exposures_s=dark_exposures, flats=flat, bracket=bracket,
         bracket_exposures_s=bracket_exposures, **stated,
     )  # fmt: skip
+    if many.views:
+        _refuse_for_views(undistorted=undistorted, bracket=bracket)
+        stated_views = {
+            "light": light_of(many, lamps, spectrum, intensity), "masks": mask, "scale": scale_of(many, ball, radius),
+            "camera": camera, "response": response, "developing": developing,
+        }  # fmt: skip
+        return write_views(photographs, out, many, stated_views, force)
+    check_one_view(many)
     if (lamps is None) == (not ball):
         raise InputError("lamps come from a file (--lamps) or from a chrome ball in the photographs (--ball): give one")
     shown = _on_balls(photographs, ball, radius, camera, sensor) if ball else None
@@ -103,6 +117,13 @@ def capture(
     for what, assumed in written.assumptions.items():
         say(f"{what}: {assumed}")
     wrote(out)
+
+
+def _refuse_for_views(**options: object) -> None:
+    """`InputError` for options that photographs of many views do not have."""
+    stated = [name for name, value in options.items() if value]
+    if stated:
+        raise InputError(f"--{stated[0]} is for photographs of one view: omit it with --views")
 
 
 class _OnBalls(NamedTuple):

@@ -24,6 +24,7 @@ from hagoromo.files.names import reason
 EXTRAS = {
     "nrrd": "volumes", "nibabel": "volumes", "h5py": "volumes", "vtkmodules": "vtk", "pxr": "usd",
     "lensfunpy": "lenses", "PyOpenColorIO": "display", "alembic3d": "alembic",
+    "pycolmap": "views",
 }  # fmt: skip
 _closed: ContextVar[bool] = ContextVar("_closed", default=False)
 
@@ -53,7 +54,7 @@ def library(name: str) -> Any:
         return import_module(name)
     except ImportError:
         extra = EXTRAS[name.split(".")[0]]
-        raise InputError(f"this format needs {name.split('.')[0]}: pip install 'hagoromo[{extra}]'") from None
+        raise InputError(f"this needs {name.split('.')[0]}: pip install 'hagoromo[{extra}]'") from None
 
 
 class _Opened(logging.Filter):

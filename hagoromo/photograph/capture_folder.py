@@ -7,7 +7,7 @@ transforms.json, so 24 megapixels need some 100 MB on disk and memory for one.
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from hagoromo.camera.camera import Camera
 from hagoromo.camera.formats.nerfstudio import record_from_camera
+from hagoromo.camera.response import Response
 from hagoromo.files.exr import write_exr
 from hagoromo.files.memory import require
 from hagoromo.files.png import write_png
@@ -71,7 +72,7 @@ def write_capture(asked: Session, out: str | Path, force: bool = False, progress
             if asked.auto_mask:
                 seen.add(shot.values, shot.valid)
             own = asked.own_mask(number, shape) if len(asked.masks) > 1 else None
-            frames.append(_write_frame(shot, own, number, home, lamps))
+            frames.append(write_frame(shot, own, number, home, lamps))
             masked += own is not None
         found = asked.found_mask(seen, shape) if asked.auto_mask else None
         if found is None and len(asked.masks) <= 1:
@@ -82,7 +83,8 @@ def write_capture(asked: Session, out: str | Path, force: bool = False, progress
             (home / MASKS).rmdir()
         for picture, pixels in asked.pictures.items():
             write_png(home / picture, pixels)
-        _write_transforms(asked, frames, lamps, home, found is not None)
+        shared = {} if found is None else {"mask_path": OBJECT_MASK}
+        write_frames(home, frames, lamps, {**shared, "assumptions": asked.assumptions}, asked.response)
     remarks = (*asked.remarks, *lamp_remarks(asked.lamps, asked.view))
     named = {
         path.stem: lamp.name or "without a name" for path, lamp in zip(asked.paths.values(), asked.lamps, strict=True)
@@ -90,7 +92,7 @@ def write_capture(asked: Session, out: str | Path, force: bool = False, progress
     return Captured(Path(out), named, dict(asked.assumptions), remarks)
 
 
-def _write_frame(
+def write_frame(
     shot: Shot, own: NDArray[np.bool_] | None, number: int, home: Path, lamps: dict[str, int]
 ) -> dict[str, Any]:
     """Write the image of a photograph, and its own mask; returns its frame. lamps: JSON text → index, so far."""
@@ -123,20 +125,26 @@ def _write_frame(
         "file_path": image.relative_to(home).as_posix(),
         "name": shot.name,
         **record_from_camera(shot.camera),
-        "lamps": [lamps.setdefault(json.dumps(record_from_lamp(shot.lamp)), len(lamps))],
+        "lamps": [lamps.setdefault(json.dumps(record_from_lamp(lamp)), len(lamps)) for lamp in shot.lamps],
         **kept,
     }
 
 
-def _write_transforms(
-    asked: Session, frames: list[dict[str, Any]], lamps: dict[str, int], home: Path, masked: bool
+def write_frames(
+    home: Path,
+    frames: Sequence[Mapping[str, Any]],
+    lamps: Mapping[str, int],
+    further: Mapping[str, Any],
+    response: Response | None,
 ) -> None:
+    """Write transforms.json.
+
+    lamps: JSON text → index, as `write_frame` gathers them. further: keys of the whole file.
+    """
     shared = shared_keys(frames)
-    if asked.response is not None:
-        shared["sensor"] = {**shared.get("sensor", {}), "response": write_response(asked.response, home)}
-    if masked:
-        shared["mask_path"] = OBJECT_MASK
-    shared["assumptions"] = asked.assumptions
+    if response is not None:
+        shared["sensor"] = {**shared.get("sensor", {}), "response": write_response(response, home)}
+    shared |= further
     own = [{k: v for k, v in frame.items() if k not in shared or shared[k] != v} for frame in frames]
     top = {"hagoromo": written_by(), **shared}
     write_json(home / TRANSFORMS, {**top, "lamps": [json.loads(lamp) for lamp in lamps], "frames": own})

@@ -65,7 +65,7 @@ class Session:
         """The photographs, one after the other, in the order of `paths`; `InputError` for one of another size."""
         reader = self._reader()
         for number, path in enumerate(self.paths.values()):
-            shot = reader.read(number, self.lamps[number])
+            shot = reader.read(number, (self.lamps[number],))
             height, width = shot.values.shape[:2]
             first = self.view is None
             camera = self._view(width, height) if self.view is None else self.view
@@ -178,11 +178,11 @@ def session(
         raise InputError("no photograph is given: give one per lamp")
     files = list(paths.values())
     for path in files:
-        _check_readable(path)
+        check_readable(path)
     straight = _undistorted(paths, undistorted)
     listed = load_lamps(lamps) if isinstance(lamps, (str, Path)) else tuple(lamps)
     assigned, how = lamp_of_each(listed, files)
-    lit = [_as_stated(lamp, spectrum, intensity) for lamp in assigned]
+    lit = [as_stated(lamp, spectrum, intensity) for lamp in assigned]
     if response is not None and not isinstance(response, Response):
         response = Response.load(response)
     given = [masks] if isinstance(masks, (str, Path)) else list(masks)
@@ -201,13 +201,15 @@ def session(
     )
 
 
-def _as_stated(lamp: Lamp, spectrum: Spectrum | str | Path | None, intensity: float | Sequence[float] | None) -> Lamp:
+def as_stated(lamp: Lamp, spectrum: Spectrum | str | Path | None, intensity: float | Sequence[float] | None) -> Lamp:
+    """The lamp with a spectrum and an intensity that are stated in place of its own."""
     if spectrum is not None:
         lamp = replace(lamp, spectrum=Spectrum.load(str(spectrum) if isinstance(spectrum, Path) else spectrum))
     return lamp if intensity is None else replace(lamp, intensity=np.squeeze(np.asarray(intensity, np.float64)))
 
 
-def _check_readable(path: Path) -> None:
+def check_readable(path: Path) -> None:
+    """`InputError` for a path that is no file of a format of photographs."""
     if path.is_dir():
         raise InputError(f"{path} is a folder: give its photographs, such as {path / '*.jpg'}")
     if path.suffix.lower() not in SUFFIXES:

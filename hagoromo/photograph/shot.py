@@ -48,7 +48,7 @@ class Shot(NamedTuple):
     native: NDArray[np.bool_] | None
     variance: NDArray[np.float32] | VarianceModel
     camera: Camera
-    lamp: Lamp
+    lamps: tuple[Lamp, ...]
 
     def photograph(self, valid: NDArray[np.bool_]) -> Photograph:
         """The photograph, light per second at ISO 100."""
@@ -57,7 +57,7 @@ class Shot(NamedTuple):
         if isinstance(variance, VarianceModel):
             native = variance.native(*self.values.shape[:2]) if native is None else native
             variance = variance.of(self.values)
-        return Photograph(self.values / over, variance / over**2, valid, self.camera, (self.lamp,), self.name, native)
+        return Photograph(self.values / over, variance / over**2, valid, self.camera, self.lamps, self.name, native)
 
     def straightened(self, by: Straightener) -> Shot:
         """Without lens distortion; its variance is that of a measured sample everywhere, an upper bound."""
@@ -93,21 +93,21 @@ class ShotReader:
         """Dark and flat frames are those of `developing`."""
         self.masters = SessionMasters(self.developing)
 
-    def read(self, number: int, lamp: Lamp) -> Shot:
+    def read(self, number: int, lamps: tuple[Lamp, ...]) -> Shot:
         """The photograph of this number, without its camera."""
         path = self.paths[number]
-        return (self._developed if path.suffix.lower() == ".exr" else self._undeveloped)(number, path, lamp)
+        return (self._developed if path.suffix.lower() == ".exr" else self._undeveloped)(number, path, lamps)
 
-    def _developed(self, _number: int, path: Path, lamp: Lamp) -> Shot:
+    def _developed(self, _number: int, path: Path, lamps: tuple[Lamp, ...]) -> Shot:
         if self.masters.given:
             raise InputError(f"{path} is developed: dark and flat frames (--dark, --flat) belong to `hagoromo develop`")
         pixels = read_pixels(path, ImageSettings(), self.channels, "bilinear", path.name)
         self.assumptions.setdefault("values", "developed EXR files, linear in light")
         return Shot(
-            path.stem, path, pixels.values, (1.0, 100.0), pixels.valid, pixels.native, pixels.variance, NO_CAMERA, lamp
+            path.stem, path, pixels.values, (1.0, 100.0), pixels.valid, pixels.native, pixels.variance, NO_CAMERA, lamps
         )
 
-    def _undeveloped(self, number: int, path: Path, lamp: Lamp) -> Shot:
+    def _undeveloped(self, number: int, path: Path, lamps: tuple[Lamp, ...]) -> Shot:
         """A file as the camera left it."""
         seconds, iso = self.exif.seconds[number], self.exif.iso[number]
         noise = self._noise(iso)
@@ -121,7 +121,7 @@ class ShotReader:
         if not light.valid.any():
             raise InputError(f"{path} is clipped everywhere: expose it less")
         shot = light.values, (seconds, iso), light.valid, None, light.variance
-        return Shot(path.stem, path, *shot, NO_CAMERA, lamp)
+        return Shot(path.stem, path, *shot, NO_CAMERA, lamps)
 
     def _noise(self, iso: float) -> Noise:
         """The noise at an ISO: as stated, or estimated from photographs of that ISO."""

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from hagoromo.files.record import written_by
 from hagoromo.files.whole import whole_file
@@ -194,11 +195,17 @@ class Recovered:
 
 
 def score(photograph: Photograph, silhouette: NDArray[np.bool_], light: NDArray[np.floating]) -> Score:
-    """How near predicted light (h, w, 3) is to a photograph."""
+    """How near predicted light (h, w, 3) is to a photograph.
+
+    What a mask leaves out is not the object, so there nothing should be predicted, whatever the photograph shows; the
+    pixels beside the outline, which are partly of the object, are not compared.
+    """
     values = photograph.values.astype(np.float64)
     predicted = light[..., : values.shape[2]].astype(np.float64)
-    valid = photograph.mask if photograph.silhouette is None else photograph.mask | ~silhouette
-    valid = valid & np.isfinite(values).all(axis=2)
+    beside = ~silhouette & ~photograph.mask if photograph.silhouette is not None else np.zeros_like(silhouette)
+    values = np.where(beside[..., None], 0.0, values)
+    beside &= ~np.asarray(ndimage.binary_dilation(silhouette, np.ones((3, 3))), np.bool_)
+    valid = (photograph.mask | beside) & np.isfinite(values).all(axis=2)
     peak = float(values[valid].max())
     inside = valid & silhouette
     truth, found = values[valid], predicted[valid]

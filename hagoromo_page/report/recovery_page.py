@@ -40,6 +40,7 @@ def write_recovery_report(path: Path, recovered: Recovered, record: dict[str, An
         scores=[
             [s["name"], f"{s['psnr']:.2f}", f"{s['inside']:.2f}", f"{s['scaled']:.2f}"] for s in record["kept_aside"]
         ],
+        assumptions=[f"{what}: {said}" for what, said in record["assumptions"].items()],
         shown=[_shown(recovered, kept) for kept in recovered.kept[:MOST_SHOWN]],
         normals=[_normals(recovered, p) for p in views],
         errors=[_errors(recovered, p, reach) for p in views] if reach else [],
@@ -53,6 +54,8 @@ def write_recovery_report(path: Path, recovered: Recovered, record: dict[str, An
 def _found(recovered: Recovered, record: dict[str, Any]) -> list[str]:
     size = " × ".join(f"{1e3 * edge:.4g}" for edge in record["size_m"])
     said = [f"The lattice measures {size} mm; its nodes are {1e3 * record['voxel_m']:.3g} mm apart."]
+    if record["assumptions"].get("scale", "").startswith("none"):
+        said.append("These are not real millimetres: nothing gave the photographs a scale.")
     if errors := record["errors"]:
         position, normal, colour = (errors[key] for key in ("position_m", "normal_rad", "body_colour"))
         said.append(

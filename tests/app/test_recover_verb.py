@@ -82,3 +82,14 @@ def test_wrong_words_end_in_one_line(capture, capsys, words, said):
     error = capsys.readouterr().err
     assert said in error and error.count("\n") == 1
     assert not (capture.parent / "new.zarr").exists()
+
+
+def test_the_page_says_what_was_taken_for_given_and_that_there_is_no_scale(tmp_path):
+    from dataclasses import replace
+
+    taken = simulated(Truth(flat=True), shots(5, 5, 60, 1, pixels=24), 1).capture
+    said = {"scale": "none: the unit is no metre", "mask": "as <b>given</b>"}
+    found = hg.recover(replace(taken, assumptions=said), hg.RecoverySettings(side=16, steps=1, keep=0))
+    hg.write_recovery_report(tmp_path / "page.html", found, found.record())
+    page = (tmp_path / "page.html").read_text()
+    assert "mask: as &lt;b&gt;given&lt;/b&gt;" in page and "not real millimetres" in page

@@ -40,6 +40,23 @@ def mean_psnr(recovered, simulated):
     return np.mean(scores)
 
 
+def test_the_background_behind_a_masked_object_does_not_count():
+    camera = hg.Camera(13, 11, (20.0, 20.0), (6.5, 5.5))
+    silhouette = np.zeros((11, 13), bool)
+    silhouette[3:8, 4:9] = True
+    light = np.where(silhouette[..., None], 0.5, 0.0) * np.ones(3)
+    scores = []
+    for behind in (0.0, 0.9):
+        values = np.where(silhouette[..., None], 0.52, behind) * np.ones(3, np.float32)
+        photograph = hg.Photograph(
+            values, np.full((11, 13, 3), 1e-4), silhouette, camera, silhouette=silhouette
+        )  # fmt: skip
+        scores.append(score(photograph, silhouette, light))
+    assert scores[0] == scores[1] and scores[0].inside == pytest.approx(20.0 * np.log10(0.52 / 0.02))
+    spilt = score(photograph, silhouette, light + np.where(silhouette[..., None], 0.0, 0.1))
+    assert spilt.psnr < scores[0].psnr - 5.0 and spilt.inside == scores[0].inside
+
+
 def test_new_views_under_new_lamps_are_predicted(recovered, aside):
     """Unscaled, over all pixels."""
     assert mean_psnr(recovered, aside[0]) > 33.0

@@ -88,7 +88,7 @@ class Board:
         """
         import cv2
 
-        photograph = _as_shown(photograph)
+        photograph = as_shown(photograph)
         grey = np.asarray(photograph if photograph.ndim == 2 else cv2.cvtColor(photograph[..., :3], cv2.COLOR_RGB2GRAY))
         if not self.marker:
             return self._find_squares(grey)
@@ -140,7 +140,7 @@ class Board:
         return None
 
 
-def _as_shown(photograph: NDArray) -> NDArray[np.uint8]:
+def as_shown(photograph: NDArray) -> NDArray[np.uint8]:
     """8-bit version of a linear photograph (square root, scaled to WHITE_QUANTILE); 8 bits are returned unchanged."""
     if photograph.dtype == np.uint8:
         return photograph

@@ -1,0 +1,1 @@
+"""Cameras of photographs of many views, from the photographs alone; their scale and lamps."""
