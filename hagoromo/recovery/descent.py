@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import drjit as dr
 import numpy as np
 from numpy.typing import NDArray
@@ -11,9 +13,13 @@ from hagoromo.progress import Progress, silent
 from hagoromo.recovery.distance_field import COLOURS, DistanceField
 from hagoromo.recovery.hull import redistanced
 from hagoromo.recovery.lamp_table import LampTable
-from hagoromo.recovery.pixel_table import CHUNK, Drawn, PixelTable
+from hagoromo.recovery.pixel_table import CHUNK, ROBUST, Drawn, PixelTable
 from hagoromo.recovery.rendering import Rendering, SeenLight
 from hagoromo.recovery.shading import SurfaceShading
+from hagoromo.recovery.unknown_light import UnknownLight
+
+if TYPE_CHECKING:
+    from hagoromo.recovery.camera_turn import CameraTurn
 
 BAND = 3.0  # voxels from the surface within which nodes move
 CHOOSE_EVERY, LAST_CHOICE = 30, 0.8  # steps after which moving nodes are chosen anew; share of the steps until then
@@ -21,7 +27,8 @@ DISTANCE_RATE, COLOUR_RATE, LAST_RATE = 0.08, 0.06, 0.1  # rates of the first st
 LARGEST_CHANGE, LEAST_COLOUR = 0.3, 1e-4  # [voxel] of a distance in a step; of a body colour
 EIKONAL, BENDING = 2.0, 0.2  # of |∇d| from 1, and of the Laplacian of d, in units of a pixel's squared error
 SILHOUETTE = 100.0  # of a pixel's opacity, likewise
-ROBUST = 7.0  # standard deviations from which a pixel loses weight
+LIGHT_EVERY = 2  # steps after which unknown light is fitted
+TURN_EVERY, TURN_SHARE = 5, 4  # steps after which cameras turn; by every how many of the drawn chunks
 GLOSS_EVERY, GLOSS_DIFFERENCE, GLOSS_CHANGE = 2, 0.02, 0.4  # steps; of the logarithms
 GLOSS_RANGE = np.log([[1e-3, 1e3], [0.01, 1.2], [0.15, 2.0]])  # of β, γ and n − 1
 N_USUAL, N_SPREAD = 1.5, 0.3  # of dielectrics, and standard deviation of ln(n − 1)
@@ -52,7 +59,8 @@ class Adam:
 class Descent:
     """One level of the lattice: its field and gloss move by the pixels of all views.
 
-    gloss: what `coordinates` gives. seed: of the pixels that are drawn.
+    gloss: what `coordinates` gives. seed: of the pixels that are drawn. unknown: light where no lamp is known, which
+    is fitted, too. turn: of all cameras, likewise.
     """
 
     def __init__(
@@ -63,9 +71,13 @@ class Descent:
         gloss: NDArray[np.floating],
         seed: int,
         shadows: bool = True,
+        unknown: UnknownLight | None = None,
+        turn: CameraTurn | None = None,
     ) -> None:
-        self.field, self.pixels, self.lamps = field, pixels, lamps
-        self.rendering = Rendering(field, SurfaceShading(lamps, gloss), 1.0, shadows)
+        self.field, self.pixels, self.lamps, self.turn = field, pixels, lamps, turn
+        self.rendering = Rendering(field, SurfaceShading(lamps, gloss, unknown), 1.0, shadows)
+        if turn is not None:
+            turn.apply(pixels)
         self.random = np.random.default_rng(seed)
         self.choose()
 
@@ -102,19 +114,24 @@ class Descent:
             fall = LAST_RATE**share
             picked = np.sort(self.random.integers(0, total, min(chunks, total)))
             drawn = self.pixels.of(picked)
-            self.step(drawn, fall)
+            light = self.step(drawn, fall)
+            if self.shading.unknown is not None and k % LIGHT_EVERY == 0:
+                self.shading.unknown.fit(self.field, drawn, light, drawn.weights)
+            if self.turn is not None and k % TURN_EVERY == TURN_EVERY - 1:
+                self.turn.step(self.rendering, self.pixels, picked[::TURN_SHARE])
             if self.lamps.each and k % GLOSS_EVERY == GLOSS_EVERY - 1:
                 self.shading.set_gloss(
                     gloss_step(self.rendering, drawn, self.pixels.count / dr.width(drawn.photograph))
                 )
         progress(1.0)
 
-    def step(self, drawn: Drawn, fall: float) -> None:
-        """One step of the field by some pixels. fall: factor on the rates."""
+    def step(self, drawn: Drawn, fall: float) -> SeenLight:
+        """One step of the field by some pixels; returns their light before it. fall: factor on the rates."""
         light = self.rendering.light(drawn)
         count, each = dr.width(drawn.photograph), max(self.lamps.each, 1)
         rest = [a - b for a, b in zip(light.channels, drawn.values, strict=True)]
-        by = [(2.0 / 3.0 / count) * w * r * robust(drawn, rest) for w, r in zip(drawn.weights, rest, strict=True)]
+        doubt = robust(drawn, rest, self.pixels.limit)
+        by = [(2.0 / 3.0 / count) * w * r * doubt for w, r in zip(drawn.weights, rest, strict=True)]
         by_light = [light.passed[k] * by[c] for k in range(each) for c in range(COLOURS)]
         clear = dr.exp(-light.seen.depth)
         by_depth = (2.0 * SILHOUETTE / count) * drawn.share_weight * ((1.0 - clear) - drawn.share) * clear
@@ -123,6 +140,7 @@ class Descent:
         with dr.suspend_grad():
             self.rendering.march.adjoint(drawn.rays, light.seen, by_light, by_depth)
         self._move(fall)
+        return light
 
     def _move(self, fall: float) -> None:
         """Move the field against its gradients."""
@@ -154,10 +172,10 @@ class Descent:
         return dr.gather(jit.Float, dr.grad(free), self.nodes)
 
 
-def robust(drawn: Drawn, rest: list[Float]) -> Float:
-    """Weight of pixels that nothing explains, such as stray light: Cauchy's."""
+def robust(drawn: Drawn, rest: list[Float], limit: float = ROBUST) -> Float:
+    """Weight of pixels that nothing explains, such as stray light: Cauchy's. limit: [standard deviations]."""
     square = sum(w * r * r for w, r in zip(drawn.weights, rest, strict=True)) / COLOURS
-    return dr.rcp(1.0 + square * (1.0 / ROBUST**2))
+    return dr.rcp(1.0 + square * (1.0 / limit**2))
 
 
 def gloss_step(rendering: Rendering, drawn: Drawn, copies: float) -> NDArray[np.float64]:

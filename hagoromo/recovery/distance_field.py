@@ -51,6 +51,13 @@ class DistanceField:
         self.by_colours = dr.zeros(arrays().Float, dr.width(self.colours))
         dr.make_opaque(self.by_distance, self.by_colours)
 
+    def scale_colours(self, factors: NDArray[np.floating]) -> None:
+        """Multiply the body colours of all nodes, by a factor for each of the COLOURS."""
+        jit = arrays()
+        channel = dr.arange(jit.UInt, dr.width(self.colours)) % COLOURS
+        self.colours = self.colours * dr.gather(jit.Float, lookup(jit.Float, np.asarray(factors, np.float32)), channel)
+        dr.eval(self.colours)
+
     def distances(self) -> NDArray[np.float32]:
         """Signed distances (nz, ny, nx) [voxel]."""
         return np.array(self.distance).reshape(self.shape)

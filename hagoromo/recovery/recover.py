@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,9 +15,12 @@ from hagoromo.errors import InputError
 from hagoromo.files.memory import require
 from hagoromo.photograph.capture import Capture, load_capture
 from hagoromo.progress import Progress, part_of, silent
+from hagoromo.recovery.camera_turn import CameraTurn
+from hagoromo.recovery.choices import Light, Refine
 from hagoromo.recovery.descent import Descent
 from hagoromo.recovery.distance_field import COLOURS, DistanceField
 from hagoromo.recovery.evidence import evidence_of
+from hagoromo.recovery.first_look import SIDE, Look, first_look
 from hagoromo.recovery.given import check_lamps, check_not_cut, checked, kept_aside
 from hagoromo.recovery.hull import box_of, check_all_show_it, hull_distance, outlines_of, redistanced, without_crumbs
 from hagoromo.recovery.lamp_table import LampTable
@@ -26,13 +30,16 @@ from hagoromo.recovery.pixel_table import CHUNK, PixelTable
 from hagoromo.recovery.recovered import Recovered
 from hagoromo.recovery.shading import START, coordinates
 from hagoromo.recovery.silhouettes import views_of
+from hagoromo.recovery.unknown_light import UnknownLight
 
+Views: TypeAlias = tuple[ObjectView, ...]
 COARSEST = 32  # nodes along the longest edge of the first level
 LEAST_SIDE, LARGEST_SIDE = 16, 512  # nodes along the longest edge
 FOOTPRINT = 2.5  # pixels of a voxel's edge, at least, that pixels are not joined for
 MODEL_ERROR, LAST_MODEL_ERROR = 0.02, 0.01  # relative error of the model, of coarse levels and of the last one
 SOFTNESS, LAST_SOFTNESS = (1.0, 0.33), (0.6, 0.2)  # s at begin and end of a level, and of the last one [voxel]
 BYTES_PER_NODE, BYTES_PER_PIXEL = 90.0, 120.0  # of all arrays together
+LOOK_SHARE = 0.3  # of the work, that a first look is
 LEVEL_SHARE = 0.35  # of the steps of the last level, that a coarse one takes of the work
 
 
@@ -40,7 +47,10 @@ LEVEL_SHARE = 0.35  # of the steps of the last level, that a coarse one takes of
 class RecoverySettings:
     """side: nodes of the lattice along the object's longest edge. steps: of each level of the lattice, coarse to fine.
     rays: of each step. keep: every how many photographs one is kept aside, to be predicted; 0: none. shadows: whether
-    the object's own shadows are taken into account. seed: of the pixels that are drawn.
+    the object's own shadows are taken into account. seed: of the pixels that are drawn. light: what light is fixed to
+    where no lamp is known; "even": to the object, without dependence on the normal; "auto": the one of the three that
+    predicts best. refine: whether one small turn of all cameras is estimated ("cameras"), or "none"; "auto": where no
+    lamp is known.
     """
 
     side: int = 128
@@ -49,6 +59,8 @@ class RecoverySettings:
     keep: int = 8
     shadows: bool = True
     seed: int = 0
+    light: Light = "auto"
+    refine: Refine = "auto"
 
     def __post_init__(self) -> None:
         if not LEAST_SIDE <= self.side <= LARGEST_SIDE:
@@ -56,6 +68,9 @@ class RecoverySettings:
         for name, least in (("steps", 1), ("rays", CHUNK), ("keep", 0)):
             if getattr(self, name) < least:
                 raise InputError(f"{name} is {getattr(self, name)}: give {least} or more")
+        for name, words in (("light", get_args(Light)), ("refine", get_args(Refine))):
+            if getattr(self, name) not in words:
+                raise InputError(f"{name} is {getattr(self, name)!r}: give {', '.join(words)}")
         if self.keep == 1:
             raise InputError("keep is 1: every photograph would be kept aside; give 2 or more, or 0 for none")
 
@@ -82,33 +97,61 @@ def recover(
     check_not_cut(views)
     aside = kept_aside(len(views), settings.keep)
     used, kept = (tuple(v for v, out in zip(views, aside, strict=True) if out == which) for which in (False, True))
+    lit = any(p.lamps for p in photographs)
+    turn = CameraTurn([v.photograph for v in used]) if settings.refine == "cameras" or not lit else None
+    look = Look(None, None if settings.refine == "none" else turn, {})
+    if not lit:
+        coarse = replace(settings, side=min(SIDE, settings.side), refine="none" if look.turn is None else "cameras")
+        of_look = part_of(progress, 0.0, LOOK_SHARE, "first look")
+
+        def looked_at(some: Views, others: Views, light: UnknownLight | None) -> Recovered:
+            turn = None if look.turn is None else CameraTurn([v.photograph for v in some])
+            return _recovered(some, others, coarse, Look(light, turn, {}), of_look)
+
+        look = first_look(used, settings.light, looked_at)
+        progress = part_of(progress, LOOK_SHARE, 1.0 - LOOK_SHARE)
+    found = _recovered(used, kept, settings, look, progress)
+    return replace(found, name=taken.name, assumptions=dict(taken.assumptions))
+
+
+def _recovered(used: Views, kept: Views, settings: RecoverySettings, look: Look, progress: Progress) -> Recovered:
+    """What is recovered of views that are used, by what a first look found."""
     progress(0.0, "hull")
-    levels, hull = _hull(used, settings)
+    turn, lit = look.turn, any(v.photograph.lamps for v in used)
+    first, hull = _hull(used if turn is None else _turned(used, turn), settings)
     field, gloss = DistanceField(redistanced(hull), np.full((*hull.shape, COLOURS), 0.4)), coordinates(*START)
-    shares = np.array([LEVEL_SHARE] * (len(levels) - 1) + [1.0])
+    nodes = sides(settings.side)
+    shares = np.array([LEVEL_SHARE] * (len(nodes) - 1) + [1.0])
     ends = np.concatenate([[0.0], np.cumsum(shares / shares.sum())])
-    lattice, descent, known = levels[0], None, None
+    lattice, descent, known = first, None, None
     try:
-        for number, level in enumerate(levels):
-            coarser = None
+        for number, side in enumerate(nodes):
+            coarser, level = None, first
             if descent is not None:
+                level = lattice.around_surface(without_crumbs(descent.field.distances()), side)
                 field, coarser = finer(descent.field, lattice, level), descent.gloss
                 gloss = coarser
-            last = number == len(levels) - 1
-            lattice, descent = level, _descent(used, level, field, gloss, settings, last)
-            own = part_of(progress, float(ends[number]), float(np.diff(ends)[number]), f"{max(level.shape)} nodes")
+            last = number == len(nodes) - 1
+            lattice, descent = level, _descent(used, level, field, gloss, settings, last, look)
+            own = part_of(progress, float(ends[number]), float(np.diff(ends)[number]), f"{side} nodes")
             descent.run(settings.steps, settings.rays // CHUNK, LAST_SOFTNESS if last else SOFTNESS, own)
             known = evidence_of(descent, coarser) if last else None
     except KeyboardInterrupt:
         if descent is None:
             raise
     assert descent is not None  # there is a level
+    if turn is not None:
+        used, kept = _turned(used, turn), _turned(kept, turn)
     distance = np.asarray(without_crumbs(descent.field.distances()), np.float32)
     return Recovered(
         lattice, distance, descent.field.body_colours(), descent.gloss, descent.rendering.softness,
-        tuple(v.photograph for v in used), kept, any(p.lamps for p in photographs), asdict(settings), taken.name,
-        dict(taken.assumptions), used[0].stated, known,
+        tuple(v.photograph for v in used), kept, lit, asdict(settings), stated=used[0].stated, evidence=known,
+        unknown=descent.shading.unknown, turn=turn, tried=look.tried,
     )  # fmt: skip
+
+
+def _turned(views: Views, turn: CameraTurn) -> Views:
+    return tuple(replace(view, photograph=turn.of(view.photograph)) for view in views)
 
 
 def sides(finest: int) -> list[int]:
@@ -119,17 +162,18 @@ def sides(finest: int) -> list[int]:
     return levels
 
 
-def _hull(views: Sequence[ObjectView], settings: RecoverySettings) -> tuple[list[Lattice], NDArray[np.float64]]:
-    """The lattices of all levels, and the hull on the first."""
+def _hull(views: Sequence[ObjectView], settings: RecoverySettings) -> tuple[Lattice, NDArray[np.float64]]:
+    """The lattice of the first level, and the hull on it."""
     outlines, stated = outlines_of(views), views[0].stated
     low, high = box_of(outlines, stated)
-    levels = [Lattice.around(low, high, side) for side in sides(settings.side)]
-    require(BYTES_PER_NODE * float(np.prod(levels[-1].shape)), f"a lattice of {settings.side} nodes along its edge")
-    hull = hull_distance(outlines, levels[0], stated)
+    finest = Lattice.around(low, high, settings.side)
+    require(BYTES_PER_NODE * float(np.prod(finest.shape)), f"a lattice of {settings.side} nodes along its edge")
+    lattice = Lattice.around(low, high, sides(settings.side)[0])
+    hull = hull_distance(outlines, lattice, stated)
     if stated:
-        check_all_show_it(outlines, levels[0], hull)
-    check_lamps([view.photograph for view in views], levels[0], hull)
-    return levels, hull
+        check_all_show_it(outlines, lattice, hull)
+    check_lamps([view.photograph for view in views], lattice, hull)
+    return lattice, hull
 
 
 def _descent(
@@ -139,6 +183,7 @@ def _descent(
     gloss: NDArray[np.float64],
     settings: RecoverySettings,
     last: bool,
+    look: Look,
 ) -> Descent:
     """The descent of a level."""
     photographs = [view.photograph for view in views]
@@ -149,7 +194,8 @@ def _descent(
     bright = [np.percentile(v.photograph.values[v.photograph.mask], 99.0) for v in reduced if v.photograph.mask.any()]
     pixels = PixelTable(reduced, lattice, LAST_MODEL_ERROR if last else MODEL_ERROR, float(np.median(bright)))
     seed = settings.seed + max(lattice.shape)
-    return Descent(field, pixels, LampTable(photographs, lattice), gloss, seed, settings.shadows)
+    lamps = LampTable(photographs, lattice)
+    return Descent(field, pixels, lamps, gloss, seed, settings.shadows, look.unknown, look.turn)
 
 
 def finer(field: DistanceField, coarser: Lattice, lattice: Lattice) -> DistanceField:
