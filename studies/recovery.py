@@ -1,8 +1,9 @@
 """Recovery: boxes recovered from simulated and real photographs, against photographs that were kept aside.
 
-    python -m studies.recovery --out out/recovery [--data FOLDER] [--only NAME …]
+    python -m studies.recovery --out out/recovery [--data FOLDER] [--only NAME …] [--real NAME …]
 
-Every score is unscaled, over all valid pixels; the simulated ones against exact light. Timings are processor seconds.
+Every score is unscaled, of linear values: over all valid pixels, and inside the silhouettes. The simulated ones are
+against exact light. Outside a stated mask a photograph counts as black. Timings are processor seconds.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import argparse
 import json
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from numpy.typing import NDArray
 
 import hagoromo as hg
 from hagoromo.backend import arrays
-from hagoromo.recovery.recovered import score
+from studies.real_captures import REAL
 from studies.recover_scenes import Shots, Simulated, Truth, around, near_lamp, shots, simulated
 
 Array = NDArray[np.float64]
@@ -120,18 +121,18 @@ def shape_errors(found: hg.Recovered, aside: Simulated) -> tuple[Array, Array]:
     return np.concatenate(angles), np.concatenate(distances)
 
 
-def real(folder: Path, side: int, keep: int = 8) -> dict[str, Any]:
-    """A real capture of unknown light: every `keep`-th view is predicted."""
-    capture = hg.load_capture(folder)
-    unlit = tuple(replace(p, lamps=()) for p in capture.photographs)
+def real(name: str, data: Path, side: int, keep: int = 8) -> dict[str, Any]:
+    """A real capture of unknown light: every `keep`-th view is predicted, from nothing that it shows itself."""
     begin = time.process_time()
-    found = hg.recover(hg.Capture(unlit, folder.name), hg.RecoverySettings(side=side, keep=keep))
-    seconds = time.process_time() - begin
-    scores = [score(k.photograph, k.silhouette, found.picture(k.photograph)[0]) for k in found.kept]
+    try:
+        found = hg.recover(REAL[name](data), hg.RecoverySettings(side=side, keep=keep))
+    except hg.InputError as error:
+        return {"case": name, "refused": str(error)}
+    seconds, scores, record = time.process_time() - begin, found.scores(), found.record()
     return {
-        "case": folder.name, "side": side, "views": len(found.photographs), "aside": len(scores),
+        "case": name, "side": side, "views": len(found.photographs), "aside": len(scores),
         "psnr": float(np.mean([s.psnr for s in scores])), "inside": float(np.mean([s.inside for s in scores])),
-        "seconds": seconds,
+        **{key: record[key] for key in ("silhouettes", "lamps", "lights_tried_db", "cameras")}, "seconds": seconds,
     }  # fmt: skip
 
 
@@ -140,7 +141,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--only", nargs="*", default=list(CASES))
-    parser.add_argument("--real", nargs="*", type=Path, default=[], help="captures of fixed unknown light")
+    parser.add_argument("--data", type=Path, help="folder of real captures of unknown light")
+    parser.add_argument("--real", nargs="*", default=list(REAL), choices=list(REAL), help="which of them")
     parser.add_argument("--side", type=int, default=96, help="nodes for real captures")
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
@@ -151,8 +153,8 @@ def main() -> None:
     for name in given.only:
         rows.append(asdict(measured(name, CASES[name], (new, far), truth)))
         print(json.dumps(rows[-1]), flush=True)
-    for folder in given.real:
-        rows.append(real(folder, given.side))
+    for name in given.real if given.data else ():
+        rows.append(real(name, given.data, given.side))
         print(json.dumps(rows[-1]), flush=True)
     hg.write_json(given.out / "recovery.json", {"rows": rows, "seed": SEED, "version": hg.__version__})
 

@@ -61,9 +61,9 @@ STUDIES: dict[str, Study] = {
         ),
     ),
     "recover": Study(
-        "a glossy object recovered from simulated photographs of many views, against views and lamps kept aside",
-        "a quarter of an hour",
-        (_module("recovery", "--out", "out/recovery"),),
+        "objects recovered from simulated and real photographs of many views, against views and lamps kept aside",
+        "three quarters of an hour",
+        (_module("recovery", "--data", DATA, "--out", "out/recovery"),),
     ),
     "lamps": Study(
         "how far readings of the same real lamps agree: of a mirror ball, of a grey ball, of the objects themselves",

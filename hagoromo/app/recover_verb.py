@@ -14,6 +14,7 @@ from hagoromo.app.verb import Force, Out, Written, say, verb, verbs, wrote
 from hagoromo.errors import InputError
 from hagoromo.files.record import write_json
 from hagoromo.files.whole import replaceable_files, replaceable_folder, whole_files
+from hagoromo.recovery.choices import Light, Refine
 
 
 def recovery_files(out: Path) -> Written:
@@ -32,6 +33,8 @@ def recover(
     errors: bool = True,
     voxels: int | None = None,
     seed: int = 0,
+    light: Light = "auto",
+    refine: Refine = "auto",
     force: Force = False,
 ) -> None:
     """Photographs of many views and lamps → a volume box of the object; its mesh, figures and a report beside it.
@@ -50,13 +53,20 @@ def recover(
             known: that doubles the time.
         voxels: of the box along its longest edge (default: three a node, up to 768).
         seed: of the pixels that are drawn.
+        light: of photographs without lamps, what it is fixed to: the object; the camera (lamps move with it, or the
+            object turns before it); even: the object, and body colours alone hold it. auto tries all three and takes
+            the one that predicts best.
+        refine: cameras: one small turn of all cameras together is estimated, as of a principal point that is some
+            pixels wrong. auto: where no lamps are known.
     """
     if out.suffix != ".zarr":
         raise InputError(f"{out} is no name of a volume box: give one that ends in .zarr")
     box, *beside = recovery_files(out).files
     replaceable_folder(box, force)
     replaceable_files(beside, force)
-    settings = hg.RecoverySettings(side=side, steps=steps, keep=keep, shadows=shadows, errors=errors, seed=seed)
+    settings = hg.RecoverySettings(
+        side=side, steps=steps, keep=keep, shadows=shadows, errors=errors, seed=seed, light=light, refine=refine
+    )
     with progress_bar("recover") as progress:
         recovered = hg.recover(capture, settings, progress)
     made, mesh, record = recovered.box(voxels), recovered.mesh(), recovered.record()
@@ -79,6 +89,8 @@ def summary(record: dict[str, Any]) -> list[str]:
         known = [key for key, is_known in material["identifiable"].items() if is_known]
         found = ", ".join(f"{key} {material[key]:.3g}" for key in ("beta", "gamma", "n"))
         lines.append(f"gloss: {found}; identifiable: {', '.join(known) or 'nothing'}")
+    if record["material"] is None:
+        lines.append(f"light {record['lamps']}; cameras: {record['cameras']}")
     if errors := record["errors"]:
         position, normal = errors["position_m"][0], errors["normal_rad"][0]
         lines.append(f"standard errors, median: position {1e6 * position:.3g} µm, normal {degrees(normal):.2g}°")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import drjit as dr
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +15,12 @@ from hagoromo.recovery.gloss_step import gloss_step, robust
 from hagoromo.recovery.hull import redistanced
 from hagoromo.recovery.lamp_table import LampTable
 from hagoromo.recovery.pixel_table import CHUNK, Drawn, PixelTable
-from hagoromo.recovery.rendering import Rendering
+from hagoromo.recovery.rendering import Rendering, SeenLight
 from hagoromo.recovery.shading import SurfaceShading
+from hagoromo.recovery.unknown_light import UnknownLight
+
+if TYPE_CHECKING:
+    from hagoromo.recovery.camera_turn import CameraTurn
 
 BAND = 3.0  # voxels from the surface within which nodes move
 CHOOSE_EVERY, LAST_CHOICE = 30, 0.8  # steps after which moving nodes are chosen anew; share of the steps until then
@@ -24,7 +30,8 @@ LAST_RATE = 0.1  # factor on the rates of the last step
 LARGEST_CHANGE, LEAST_COLOUR = 0.3, 1e-4  # [voxel] of a distance in a step; of a body colour
 EIKONAL, BENDING = 2.0, 0.2  # of |∇d| from 1, and of the Laplacian of d, in units of a pixel's squared error
 SILHOUETTE = 100.0  # of a pixel's opacity, likewise
-GLOSS_EVERY = 3  # steps
+GLOSS_EVERY, LIGHT_EVERY = 3, 2  # steps after which the gloss, and unknown light, are fitted
+TURN_EVERY, TURN_SHARE = 5, 4  # steps after which cameras turn; by every how many of the drawn chunks
 
 
 class Adam:
@@ -51,7 +58,8 @@ class Adam:
 class Descent:
     """One level of the lattice: its field and gloss move by the pixels of all views.
 
-    gloss: what `coordinates` gives. seed: of the pixels that are drawn.
+    gloss: what `coordinates` gives. seed: of the pixels that are drawn. unknown: light where no lamp is known, which
+    is fitted, too. turn: of all cameras, likewise.
     """
 
     def __init__(
@@ -62,9 +70,13 @@ class Descent:
         gloss: NDArray[np.floating],
         seed: int,
         shadows: bool = True,
+        unknown: UnknownLight | None = None,
+        turn: CameraTurn | None = None,
     ) -> None:
-        self.field, self.pixels, self.lamps = field, pixels, lamps
-        self.rendering = Rendering(field, SurfaceShading(lamps, gloss), 1.0, shadows)
+        self.field, self.pixels, self.lamps, self.turn = field, pixels, lamps, turn
+        self.rendering = Rendering(field, SurfaceShading(lamps, gloss, unknown), 1.0, shadows)
+        if turn is not None:
+            turn.apply(pixels)
         self.random = np.random.default_rng(seed)
         self.choose()
 
@@ -106,19 +118,27 @@ class Descent:
             fall = LAST_RATE**share
             picked = np.sort(self.random.integers(0, total, min(chunks, total)))
             drawn = self.pixels.of(picked)
-            self.step(drawn, rate * fall, COLOUR_RATE * fall)
+            light = self.step(drawn, rate * fall, COLOUR_RATE * fall)
+            if self.shading.unknown is not None and k % LIGHT_EVERY == 0:
+                self.shading.unknown.fit(self.field, drawn, light, drawn.weights)
+            if self.turn is not None and k % TURN_EVERY == TURN_EVERY - 1:
+                self.turn.step(self.rendering, self.pixels, picked[::TURN_SHARE])
             if self.lamps.each and k % GLOSS_EVERY == GLOSS_EVERY - 1:
                 self.shading.set_gloss(
                     gloss_step(self.rendering, drawn, self.pixels.count / dr.width(drawn.photograph))
                 )
         progress(1.0)
 
-    def step(self, drawn: Drawn, rate: float, colour_rate: float) -> None:
-        """One step of the field by some pixels. rate: of distances [voxel]. colour_rate: of body colours."""
+    def step(self, drawn: Drawn, rate: float, colour_rate: float) -> SeenLight:
+        """One step of the field by some pixels; returns their light before it.
+
+        rate: of distances [voxel]. colour_rate: of body colours.
+        """
         light = self.rendering.light(drawn)
         count, each = dr.width(drawn.photograph), max(self.lamps.each, 1)
         rest = [a - b for a, b in zip(light.channels, drawn.values, strict=True)]
-        by = [(2.0 / 3.0 / count) * w * r * robust(drawn, rest) for w, r in zip(drawn.weights, rest, strict=True)]
+        doubt = robust(drawn, rest, self.pixels.limit)
+        by = [(2.0 / 3.0 / count) * w * r * doubt for w, r in zip(drawn.weights, rest, strict=True)]
         by_light = [light.passed[k] * by[c] for k in range(each) for c in range(COLOURS)]
         clear = dr.exp(-light.seen.depth)
         by_depth = (2.0 * SILHOUETTE / count) * drawn.share_weight * ((1.0 - clear) - drawn.share) * clear
@@ -127,6 +147,7 @@ class Descent:
         with dr.suspend_grad():
             self.rendering.march.adjoint(drawn.rays, light.seen, by_light, by_depth)
         self._move(rate, colour_rate)
+        return light
 
     def _move(self, rate: float, colour_rate: float) -> None:
         """Move the field against its gradients."""

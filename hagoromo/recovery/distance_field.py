@@ -63,6 +63,13 @@ class DistanceField:
         """Float (nodes · 3), the gradient by body colours."""
         return arrays().Float(self.sums_by_colours) * (1.0 / UNITS)
 
+    def scale_colours(self, factors: NDArray[np.floating]) -> None:
+        """Multiply the body colours of all nodes, by a factor for each of the COLOURS."""
+        jit = arrays()
+        channel = dr.arange(jit.UInt, dr.width(self.colours)) % COLOURS
+        self.colours = self.colours * dr.gather(jit.Float, lookup(jit.Float, np.asarray(factors, np.float32)), channel)
+        dr.eval(self.colours)
+
     def distances(self) -> NDArray[np.float32]:
         """Signed distances (nz, ny, nx) [voxel]."""
         return np.array(self.distance).reshape(self.shape)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from hagoromo.backend import Float
 from hagoromo.recovery.distance_field import COLOURS
-from hagoromo.recovery.pixel_table import Drawn
+from hagoromo.recovery.pixel_table import ROBUST, Drawn
 from hagoromo.recovery.rendering import Rendering
 from hagoromo.recovery.shading import GLOSS
 
@@ -27,7 +27,6 @@ GLOSS_RANGE = np.log([[1e-3, 1e3], [0.01, 1.2], [0.15, 2.0]])  # of β, γ and n
 N_USUAL, N_SPREAD = 1.5, 0.3  # of dielectrics, and standard deviation of ln(n − 1)
 CORRELATED = 200.0  # values whose errors are alike, as neighbours have them: so many count as one
 HIT = 0.5  # opacity from which a pixel shows a place
-ROBUST = 7.0  # standard deviations from which a pixel loses weight
 
 
 class Slopes(NamedTuple):
@@ -50,10 +49,10 @@ class Eliminated(NamedTuple):
     rest: Array
 
 
-def robust(drawn: Drawn, rest: list[Float]) -> Float:
-    """Weight of pixels that nothing explains, such as stray light: Cauchy's."""
+def robust(drawn: Drawn, rest: list[Float], limit: float = ROBUST) -> Float:
+    """Weight of pixels that nothing explains, such as stray light: Cauchy's. limit: [standard deviations]."""
     square = sum(w * r * r for w, r in zip(drawn.weights, rest, strict=True)) / COLOURS
-    return dr.rcp(1.0 + square * (1.0 / ROBUST**2))
+    return dr.rcp(1.0 + square * (1.0 / limit**2))
 
 
 def slopes_of(rendering: Rendering, drawn: Drawn) -> Slopes:

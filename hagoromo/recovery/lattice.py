@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
+MARGIN = 3  # nodes of the old lattice that are kept free around the surface
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,6 +27,15 @@ class Lattice:
         middle = 0.5 * (low + high)
         corner = middle - 0.5 * voxel * (np.array([x, y, z]) - 1.0)
         return Lattice(corner, voxel, (z, y, x))
+
+    def around_surface(self, distance: NDArray[np.floating], side: int) -> Lattice:
+        """A lattice of `side` nodes around what is inside (distance < 0, at nodes) with a margin, within this one."""
+        inside = np.argwhere(distance < 1.0)[:, ::-1]
+        if not len(inside):
+            return Lattice.around(self.corner, self.high, side)
+        first, last = inside.min(axis=0) - MARGIN, inside.max(axis=0) + MARGIN
+        low, high = np.maximum(self.to_world(first), self.corner), np.minimum(self.to_world(last), self.high)
+        return Lattice.around(low, high, side)
 
     def from_world(self, points: ArrayLike) -> Array:
         """World points (..., 3) [m] in lattice coordinates (x, y, z)."""

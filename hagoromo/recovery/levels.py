@@ -13,6 +13,7 @@ from hagoromo.files.memory import require
 from hagoromo.progress import Progress, part_of
 from hagoromo.recovery.descent import DISTANCE_RATE, FIRST_RATE, Descent
 from hagoromo.recovery.distance_field import COLOURS, DistanceField
+from hagoromo.recovery.first_look import Look
 from hagoromo.recovery.hull import redistanced, without_crumbs
 from hagoromo.recovery.lamp_table import LampTable
 from hagoromo.recovery.lattice import Lattice
@@ -44,36 +45,37 @@ class Shape:
         grey = np.full((*hull.shape, COLOURS), 0.4, np.float32)
         return Shape(lattice, redistanced(hull), grey, coordinates(*START))
 
-    def finer(self, lattice: Lattice) -> Shape:
-        """The same on another lattice: at its nodes distances have the values of the spline that they are."""
-        if lattice is self.lattice:
-            return self
-        at = np.moveaxis(self.lattice.from_world(lattice.nodes())[..., ::-1], 3, 0)
+    def finer(self, side: int) -> Shape:
+        """The same on a lattice of `side` nodes around it: there distances have the values of the spline they are."""
         own = np.asarray(without_crumbs(self.distance), np.float64)
+        lattice = self.lattice.around_surface(own, side)
+        at = np.moveaxis(self.lattice.from_world(lattice.nodes())[..., ::-1], 3, 0)
         values = ndimage.map_coordinates(own, at, order=SPLINE, mode="nearest", prefilter=False)
         distance = np.asarray(ndimage.spline_filter(values * (self.lattice.voxel / lattice.voxel), order=SPLINE))
         colours = [ndimage.map_coordinates(self.colours[..., c], at, order=1, mode="nearest") for c in range(COLOURS)]
-        return Shape(lattice, distance.astype(np.float32), np.stack(colours, axis=3), self.gloss)
+        return Shape(lattice, distance.astype(np.float32), np.stack(colours, axis=3).astype(np.float32), self.gloss)
 
 
 class Levels:
     """The way of an object from coarse to fine.
 
-    views: what it is recovered from. lattices: of all levels. start: on the first. rays: of each step. seed: of the
-    pixels that are drawn. `before`: the result of the level before.
+    views: what it is recovered from. start: on the lattice of the first level. sides: nodes along the longest edge of
+    all levels. rays: of each step. seed: of the pixels that are drawn. look: the light where no lamp is known, and the
+    turn of all cameras; both are fitted, too. `before`: the result of the level before.
     """
 
     def __init__(
         self,
         views: Sequence[ObjectView],
-        lattices: Sequence[Lattice],
         start: Shape,
+        sides: Sequence[int],
         rays: int,
         seed: int,
         shadows: bool,
+        look: Look,
     ) -> None:
-        self.views, self.lattices, self.rays, self.seed, self.shadows = views, lattices, rays, seed, shadows
-        self.start, self.before = start, start
+        self.views, self.sides, self.rays, self.seed, self.shadows = views, sides, rays, seed, shadows
+        self.start, self.before, self.lattice, self.look = start, start, start.lattice, look
         self.descent: Descent | None = None
 
     @property
@@ -86,14 +88,14 @@ class Levels:
 
     def run(self, steps: int, progress: Progress) -> Descent:
         """Go through all levels; gives the descent of the last."""
-        shares = np.array([LEVEL_SHARE] * (len(self.lattices) - 1) + [1.0])
+        shares = np.array([LEVEL_SHARE] * (len(self.sides) - 1) + [1.0])
         ends = np.concatenate([[0.0], np.cumsum(shares / shares.sum())])
-        for number, lattice in enumerate(self.lattices):
-            last = number == len(self.lattices) - 1
+        for number, side in enumerate(self.sides):
+            last = number == len(self.sides) - 1
             self.before = self.shape
-            begin = self.before.finer(lattice)
-            self.lattice, self.descent = lattice, self._descent(begin, last)
-            own = part_of(progress, float(ends[number]), float(np.diff(ends)[number]), f"{max(lattice.shape)} nodes")
+            begin = self.before.finer(side) if number else self.start
+            self.lattice, self.descent = begin.lattice, self._descent(begin, last)
+            own = part_of(progress, float(ends[number]), float(np.diff(ends)[number]), f"{side} nodes")
             softness, rate = LAST_SOFTNESS if last else SOFTNESS, DISTANCE_RATE if number else FIRST_RATE
             self.descent.run(steps, self.rays // CHUNK, softness, rate, own)
         assert self.descent is not None  # there is a level
@@ -111,10 +113,13 @@ class Levels:
         ]
         pixels = PixelTable(reduced, lattice, LAST_MODEL_ERROR if last else MODEL_ERROR, float(np.median(bright)))
         field, seed = DistanceField(begin.distance, begin.colours), self.seed + max(lattice.shape)
-        return Descent(field, pixels, LampTable(photographs, lattice), begin.gloss, seed, self.shadows)
+        return Descent(
+            field, pixels, LampTable(photographs, lattice), begin.gloss, seed, self.shadows,
+            self.look.unknown, self.look.turn,
+        )  # fmt: skip
 
 
-def sides(finest: int) -> list[int]:
+def sides_of(finest: int) -> list[int]:
     """Nodes along the longest edge of all levels: each has voxels of half the edge of the one before."""
     levels = [finest]
     while (levels[0] + 1) // 2 >= COARSEST:

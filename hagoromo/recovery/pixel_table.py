@@ -19,6 +19,8 @@ CHUNK = 16  # pixels that are drawn together: neighbours, so that their rays mee
 TILE = 4  # px, side of such a neighbourhood
 BESIDE = 4.0  # voxels around a silhouette whose pixels count, too
 AT_EDGE = 0.1  # weight of the silhouette's edge, which is known to half a pixel
+ROBUST, UNLIT_ROBUST = 7.0, 20.0  # standard deviations from which a pixel loses weight; without lamps
+UNLIT_ERROR = 0.02  # error of the model without lamps, of the value of a bright pixel
 INSIDE = 1.5  # nodes from the edge of the lattice where rays begin: a spline needs neighbours
 
 
@@ -34,7 +36,11 @@ class Drawn(NamedTuple):
 
 
 class PixelTable:
-    """All pixels of some views near the object. model_error: relative error of the model, beside the noise."""
+    """All pixels of some views near the object. model_error: relative error of the model, beside the noise.
+
+    Without lamps it is the same in dark and bright pixels: what a body colour cannot hold, such as a shadow that one
+    view shows and another does not, is of the size of the light.
+    """
 
     def __init__(self, views: Sequence[ObjectView], lattice: Lattice, model_error: float, scale: float) -> None:
         """scale: value of a bright pixel; model_error is of it, too."""
@@ -42,13 +48,19 @@ class PixelTable:
         for number, view in enumerate(views):
             columns.append(_pixels_of(view, number, lattice, model_error, scale))
         joined = [np.concatenate(each) for each in zip(*columns, strict=True)]
+        self.limit = ROBUST if any(view.photograph.lamps for view in views) else UNLIT_ROBUST
         self.count = len(joined[0]) // CHUNK * CHUNK
         number, *floats = joined
         self.photograph = lookup(arrays().UInt, number[: self.count].astype(np.uint32))
         self.table = [lookup(arrays().Float, each[: self.count].astype(np.float32)) for each in floats]
         places = np.stack([lattice.from_world(v.photograph.camera.position) for v in views])
         self.eyes = lookup(arrays().Float, places.astype(np.float32).ravel())
+        self.turn(np.zeros((len(views), 3)))
         dr.eval(self.photograph, self.table, self.eyes)
+
+    def turn(self, turns: NDArray[np.floating]) -> None:
+        """Turn the rays of each photograph about its camera. turns: (photographs, 3) rotation vectors, small [rad]."""
+        self.turns = lookup(arrays().Float, np.asarray(turns, np.float32).ravel())
 
     def of(self, chunks: NDArray[np.integer]) -> Drawn:
         """The pixels of some chunks, by number below `count` // CHUNK."""
@@ -58,7 +70,9 @@ class PixelTable:
         index = first * CHUNK + lane % CHUNK
         photograph = dr.gather(jit.UInt, self.photograph, index)
         x, y, z, near, far, *rest = (dr.gather(jit.Float, each, index) for each in self.table)
-        rays = LatticeRays(dr.gather(jit.Array3f, self.eyes, photograph), jit.Array3f(x, y, z), near, far)
+        way = jit.Array3f(x, y, z)
+        way = dr.normalize(way + dr.cross(dr.gather(jit.Array3f, self.turns, photograph), way))
+        rays = LatticeRays(dr.gather(jit.Array3f, self.eyes, photograph), way, near, far)
         drawn = Drawn(rays, photograph, rest[:3], rest[3:6], rest[6], rest[7])
         evaluate(drawn)
         return drawn
@@ -87,6 +101,8 @@ def _pixels_of(view: ObjectView, number: int, lattice: Lattice, model_error: flo
     variance = variance if variance.shape[1] == 3 else np.repeat(variance[:, :1], 3, axis=1)
     lit = p.mask[at] & np.isfinite(values).all(axis=1)
     error = (model_error * np.maximum(values, 0.0)) ** 2 + (0.25 * model_error * scale) ** 2
+    if not p.lamps:
+        error = np.full_like(error, (UNLIT_ERROR * scale) ** 2)
     weights = np.where(lit[:, None], 1.0 / (np.where(lit[:, None], variance, 1.0) + error), 0.0)
     edge = (view.share > 0.0) & (view.share < 1.0)
     edge |= (way_to(~outside) <= 1.0) & (way_to(outside) <= 1.0)

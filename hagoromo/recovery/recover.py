@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import TypeAlias, get_args
 
 import numpy as np
 
@@ -12,18 +12,25 @@ from hagoromo.errors import InputError
 from hagoromo.files.memory import require
 from hagoromo.photograph.capture import Capture, load_capture
 from hagoromo.progress import Progress, part_of, silent
+from hagoromo.recovery.camera_turn import CameraTurn
+from hagoromo.recovery.choices import Light, Refine
 from hagoromo.recovery.errors import Errors, errors_of
 from hagoromo.recovery.evidence import evidence_of
+from hagoromo.recovery.first_look import SIDE, Look, first_look
 from hagoromo.recovery.given import LEAST_VIEWS, check_lamps, check_not_cut, checked, kept_aside
-from hagoromo.recovery.hull import Outline, box_of, check_all_show_it, hull_distance, outlines_of, without_crumbs
+from hagoromo.recovery.hull import box_of, check_all_show_it, hull_distance, outlines_of, without_crumbs
 from hagoromo.recovery.lattice import Lattice
-from hagoromo.recovery.levels import Levels, Shape, sides
+from hagoromo.recovery.levels import Levels, Shape, sides_of
+from hagoromo.recovery.object_view import ObjectView
 from hagoromo.recovery.pixel_table import CHUNK
 from hagoromo.recovery.recovered import Recovered
 from hagoromo.recovery.silhouettes import views_of
+from hagoromo.recovery.unknown_light import UnknownLight
 
+Views: TypeAlias = tuple[ObjectView, ...]
 LEAST_SIDE, LARGEST_SIDE = 16, 512  # nodes along the longest edge
 BYTES_PER_NODE = 90.0  # of all arrays together
+LOOK_SHARE = 0.3  # of the work, that a first look is
 WHOLE_SHARE = 0.55  # of the work, of what is not done for the errors
 
 
@@ -33,6 +40,9 @@ class RecoverySettings:
     rays: of each step. keep: every how many photographs one is kept aside, to be predicted; 0: none. shadows: whether
     the object's own shadows are taken into account. errors: whether each half of the photographs gives an object of its
     own, too, so that the errors of places are known: that doubles the time. seed: of the pixels that are drawn.
+    light: what light is fixed to where no lamp is known; "even": to the object, without dependence on the normal;
+    "auto": the one of the three that predicts best. refine: whether one small turn of all cameras is estimated
+    ("cameras"), or "none"; "auto": where no lamp is known.
     """
 
     side: int = 128
@@ -42,6 +52,8 @@ class RecoverySettings:
     shadows: bool = True
     errors: bool = True
     seed: int = 0
+    light: Light = "auto"
+    refine: Refine = "auto"
 
     def __post_init__(self) -> None:
         if not LEAST_SIDE <= self.side <= LARGEST_SIDE:
@@ -49,6 +61,9 @@ class RecoverySettings:
         for name, least in (("steps", 1), ("rays", CHUNK), ("keep", 0)):
             if getattr(self, name) < least:
                 raise InputError(f"{name} is {getattr(self, name)}: give {least} or more")
+        for name, words in (("light", get_args(Light)), ("refine", get_args(Refine))):
+            if getattr(self, name) not in words:
+                raise InputError(f"{name} is {getattr(self, name)!r}: give {', '.join(words)}")
         if self.keep == 1:
             raise InputError("keep is 1: every photograph would be kept aside; give 2 or more, or 0 for none")
 
@@ -75,51 +90,75 @@ def recover(
     check_not_cut(views)
     aside = kept_aside(len(views), settings.keep)
     used, kept = (tuple(v for v, out in zip(views, aside, strict=True) if out == which) for which in (False, True))
-    outlines = outlines_of(used)
+    lit = any(p.lamps for p in photographs)
+    turned = settings.refine == "cameras" or (settings.refine == "auto" and not lit)
+    look = Look(None, CameraTurn([v.photograph for v in used]) if turned else None, {})
+    if not lit:
+        coarse = replace(settings, side=min(SIDE, settings.side), refine="cameras" if turned else "none", errors=False)
+        of_look = part_of(progress, 0.0, LOOK_SHARE, "first look")
+
+        def looked_at(some: Views, others: Views, light: UnknownLight | None) -> Recovered:
+            return _recovered(some, others, coarse, look.afresh(some, light), of_look)
+
+        look = first_look(used, settings.light, looked_at)
+        progress = part_of(progress, LOOK_SHARE, 1.0 - LOOK_SHARE)
+    found = _recovered(used, kept, settings, look, progress)
+    return replace(found, name=taken.name, assumptions=dict(taken.assumptions))
+
+
+def _recovered(used: Views, kept: Views, settings: RecoverySettings, look: Look, progress: Progress) -> Recovered:
+    """What is recovered of views that are used, by what a first look found."""
     progress(0.0, "hull")
-    lattices = _lattices(outlines, used[0].stated, settings.side)
-    start = Shape.of_hull(lattices[0], hull_distance(outlines, lattices[0], used[0].stated))
-    if used[0].stated:
-        check_all_show_it(outlines, lattices[0], start.distance)
-    check_lamps([view.photograph for view in used], lattices[0], start.distance)
-    levels = Levels(used, lattices, start, settings.rays, settings.seed, settings.shadows)
+    levels = _levels(used, settings, look, settings.rays)
     both = settings.errors and len(used) >= 2 * LEAST_VIEWS
     known, errors = None, None
     try:
-        descent = levels.run(settings.steps, part_of(progress, 0.0, WHOLE_SHARE if both else 1.0, ""))
-        known = evidence_of(descent, levels.before.gloss if len(lattices) > 1 else None)
+        descent = levels.run(settings.steps, part_of(progress, 0.0, WHOLE_SHARE if both else 1.0))
+        known = evidence_of(descent, levels.before.gloss if len(levels.sides) > 1 else None)
         if both:
-            own = part_of(progress, WHOLE_SHARE, 1.0 - WHOLE_SHARE, "errors")
-            errors = _errors(levels, outlines, settings, own)
+            errors = _errors(levels, settings, part_of(progress, WHOLE_SHARE, 1.0 - WHOLE_SHARE, "errors"))
     except KeyboardInterrupt:
         if levels.descent is None:
             raise
+    assert levels.descent is not None  # there is a level
     found = levels.shape
+    if look.turn is not None:
+        used, kept = _turned(used, look.turn), _turned(kept, look.turn)
     return Recovered(
         found.lattice, np.asarray(without_crumbs(found.distance), np.float32), found.colours, found.gloss,
-        levels.descent.rendering.softness, tuple(v.photograph for v in used), kept, any(p.lamps for p in photographs),
-        asdict(settings), taken.name, dict(taken.assumptions), used[0].stated, known, errors,
+        levels.descent.rendering.softness, tuple(v.photograph for v in used), kept,
+        any(v.photograph.lamps for v in used), asdict(settings), stated=used[0].stated, evidence=known, errors=errors,
         complete=known is not None and (errors is not None or not both),
+        unknown=look.unknown, turn=look.turn, tried=look.tried,
     )  # fmt: skip
 
 
-def _lattices(outlines: Sequence[Outline], stated: bool, side: int) -> list[Lattice]:
-    """The lattices of all levels."""
+def _levels(views: Views, settings: RecoverySettings, look: Look, rays: int) -> Levels:
+    """The levels of some views, from their hull."""
+    seen = views if look.turn is None else _turned(views, look.turn)
+    outlines, stated = outlines_of(seen), views[0].stated
     low, high = box_of(outlines, stated)
-    lattices = [Lattice.around(low, high, each) for each in sides(side)]
-    require(BYTES_PER_NODE * float(np.prod(lattices[-1].shape)), f"a lattice of {side} nodes along its edge")
-    return lattices
+    finest = Lattice.around(low, high, settings.side)
+    require(BYTES_PER_NODE * float(np.prod(finest.shape)), f"a lattice of {settings.side} nodes along its edge")
+    sides = sides_of(settings.side)
+    lattice = Lattice.around(low, high, sides[0])
+    hull = hull_distance(outlines, lattice, stated)
+    if stated:
+        check_all_show_it(outlines, lattice, hull)
+    check_lamps([view.photograph for view in seen], lattice, hull)
+    return Levels(views, Shape.of_hull(lattice, hull), sides, rays, settings.seed, settings.shadows, look)
 
 
-def _errors(whole: Levels, outlines: Sequence[Outline], settings: RecoverySettings, progress: Progress) -> Errors:
+def _errors(whole: Levels, settings: RecoverySettings, progress: Progress) -> Errors:
     """The errors of what all photographs gave, by what each half of them gives."""
-    halves, stated = [], whole.views[0].stated
+    halves = []
     for number in range(2):
-        hull = hull_distance(outlines[number::2], whole.lattices[0], stated)
-        start = Shape.of_hull(whole.lattices[0], hull)
-        half = Levels(
-            whole.views[number::2], whole.lattices, start, settings.rays // 2, settings.seed, settings.shadows
-        )
-        half.run(settings.steps, part_of(progress, 0.5 * number, 0.5, "errors"))
+        views = tuple(whole.views[number::2])
+        half = _levels(views, settings, whole.look.afresh(views), settings.rays // 2)
+        half.run(settings.steps, part_of(progress, 0.5 * number, 0.5))
         halves.append(half.shape)
-    return errors_of(whole.shape, halves, whole.before if len(whole.lattices) > 1 else None)
+    return errors_of(whole.shape, halves, whole.before if len(whole.sides) > 1 else None)
+
+
+def _turned(views: Views, turn: CameraTurn) -> Views:
+    return tuple(replace(view, photograph=turn.of(view.photograph)) for view in views)

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from hagoromo.files.record import written_by
 from hagoromo.files.whole import whole_file
@@ -24,14 +23,24 @@ from hagoromo.recovery.lattice import Lattice
 from hagoromo.recovery.object_view import ObjectView
 from hagoromo.recovery.rendering import Rendering
 from hagoromo.recovery.shading import SurfaceShading, figures
+from hagoromo.recovery.unknown_light import UnknownLight
 
 if TYPE_CHECKING:
+    from hagoromo.recovery.camera_turn import CameraTurn
     from hagoromo.volume.box import VolumeBox
+
+
+LIGHTS = {
+    "even": "unknown: body colours are the light that the surface sends out",
+    "object": "unknown, fixed to the object: body colours are the light that is sent out over that of the mean normal",
+    "camera": "unknown, fixed to the camera: body colours are the light that is sent out over that of the mean normal",
+}
 
 
 class Score(NamedTuple):
     """How well a photograph is predicted. psnr: peak signal to noise [dB], over all valid pixels; inside: over those of
-    the silhouette; the peak is the brightest value. scaled: psnr after one factor on the prediction.
+    the silhouette; the peak is the brightest value. Outside a stated silhouette the photograph counts as black,
+    whatever its background is. scaled: psnr after one factor on the prediction.
     """
 
     name: str
@@ -82,7 +91,9 @@ class Recovered:
     their lamps are known; if not, colours are the light that the surface sends out. stated: whether masks stated
     silhouettes. evidence: how well the gloss is known, and which places photographs show; None where the recovery was
     interrupted. errors: those of places; None where they were not asked for, or photographs too few for halves of
-    three. complete: whether the recovery came to its end; it was interrupted otherwise.
+    three. complete: whether the recovery came to its end; it was interrupted otherwise. unknown: the light where no
+    lamp is known, if it depends on the normal. turn: of all cameras, which those of `photographs` and `kept` have made.
+    tried: PSNR [dB] of each kind of unknown light on photographs that a first look kept aside.
     """
 
     lattice: Lattice
@@ -100,6 +111,9 @@ class Recovered:
     evidence: Evidence | None = None
     errors: Errors | None = None
     complete: bool = True
+    unknown: UnknownLight | None = None
+    turn: CameraTurn | None = None
+    tried: Mapping[str, float] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         nodes = " × ".join(str(n) for n in self.lattice.shape[::-1])
@@ -124,7 +138,8 @@ class Recovered:
     def rendering(self) -> Rendering:
         """The field on the device."""
         held = DistanceField(self.distance, self.colours)
-        shading = SurfaceShading(LampTable(self.photographs[:1], self.lattice), self.gloss)
+        light = None if self.unknown is None else self.unknown.of(self.photographs[:1])
+        shading = SurfaceShading(LampTable(self.photographs[:1], self.lattice), self.gloss, light)
         return Rendering(held, shading, self.softness, bool(self.settings.get("shadows", True)))
 
     def picture(self, photograph: Photograph) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -147,7 +162,9 @@ class Recovered:
             "hagoromo": written_by(dict(self.settings), self.settings.get("seed")),
             "name": self.name,
             "complete": self.complete,
-            "lamps": "known" if self.lit else "unknown: body colours are the light that the surface sends out",
+            "lamps": "known" if self.lit else LIGHTS["even" if self.unknown is None else self.unknown.frame],
+            "lights_tried_db": dict(self.tried),
+            "cameras": "as stated" if self.turn is None else f"all turned: {self.turn}",
             "silhouettes": "masks" if self.stated else "what is brighter than a dark background",
             "nodes": list(self.lattice.shape[::-1]),
             "voxel_m": self.lattice.voxel,
@@ -197,15 +214,14 @@ class Recovered:
 def score(photograph: Photograph, silhouette: NDArray[np.bool_], light: NDArray[np.floating]) -> Score:
     """How near predicted light (h, w, 3) is to a photograph.
 
-    What a mask leaves out is not the object, so there nothing should be predicted, whatever the photograph shows; the
-    pixels beside the outline, which are partly of the object, are not compared.
+    What a mask leaves out is not the object, so there nothing should be predicted, whatever the photograph shows.
     """
     values = photograph.values.astype(np.float64)
     predicted = light[..., : values.shape[2]].astype(np.float64)
-    beside = ~silhouette & ~photograph.mask if photograph.silhouette is not None else np.zeros_like(silhouette)
-    values = np.where(beside[..., None], 0.0, values)
-    beside &= ~np.asarray(ndimage.binary_dilation(silhouette, np.ones((3, 3))), np.bool_)
-    valid = (photograph.mask | beside) & np.isfinite(values).all(axis=2)
+    valid = photograph.mask
+    if photograph.silhouette is not None:
+        valid, values = valid | ~silhouette, np.where(silhouette[..., None], values, 0.0)
+    valid = valid & np.isfinite(values).all(axis=2)
     peak = float(values[valid].max())
     inside = valid & silhouette
     truth, found = values[valid], predicted[valid]

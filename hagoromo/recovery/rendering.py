@@ -115,7 +115,9 @@ class Rendering:
 
     def _of(self, photograph: Photograph, lattice: Lattice) -> Rendering:
         """The same surface under the lamps of a photograph."""
-        shading = SurfaceShading(LampTable([photograph], lattice), np.array(self.shading.gloss))
+        unknown = self.shading.unknown
+        light = None if unknown is None else unknown.of([photograph])
+        shading = SurfaceShading(LampTable([photograph], lattice), np.array(self.shading.gloss), light)
         return Rendering(self.field, shading, self.softness, self.shadows)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from hagoromo.backend import Array3f, Float, arrays, clip, lookup
 from hagoromo.recovery.distance_field import COLOURS
 from hagoromo.recovery.lamp_table import LampTable
+from hagoromo.recovery.unknown_light import UnknownLight
 from hagoromo.reflectance.torrance_sparrow import torrance_sparrow
 
 ALPHA = 1.0 / np.pi  # [1/sr]: body colours are then albedos
@@ -31,11 +32,12 @@ class SurfaceShading:
     """Light of every lamp and colour, without shadows.
 
     lamps: those of all photographs. gloss: Float (3,), see `coordinates`, one material's. Without lamps body colours
-    stand for the light that a place sends out. photograph: number of that of every ray, set before each march.
+    stand for the light that a place sends out, or for that over the irradiance of its normal under `unknown` light.
+    photograph: number of that of every ray, set before each march.
     """
 
-    def __init__(self, lamps: LampTable, gloss: np.ndarray) -> None:
-        self.lamps, self.photograph = lamps, arrays().UInt(0)
+    def __init__(self, lamps: LampTable, gloss: np.ndarray, unknown: UnknownLight | None = None) -> None:
+        self.lamps, self.unknown, self.photograph = lamps, unknown, arrays().UInt(0)
         self.set_gloss(gloss)
 
     def set_gloss(self, gloss: np.ndarray) -> None:
@@ -50,7 +52,7 @@ class SurfaceShading:
     def __call__(self, place: Array3f, normal: Array3f, to_eye: Array3f, colours: list[Float]) -> list[Float]:
         """Radiance of every lamp and channel."""
         if not self.lamps.each:
-            return list(colours)
+            return self._unlit(normal, colours)
         jit, light = arrays(), []
         beta, gamma, n1 = (dr.exp(dr.gather(jit.Float, self.gloss, jit.UInt(k))) for k in range(3))
         fade = faded(dr.dot(normal, to_eye))
@@ -60,6 +62,13 @@ class SurfaceShading:
             body, interface = weights.body * fade, weights.interface * fade
             light += [irradiance[c] * dr.fma(body, colours[c], interface) for c in range(COLOURS)]
         return light
+
+    def _unlit(self, normal: Array3f, colours: list[Float]) -> list[Float]:
+        """Light of every channel where no lamp is known."""
+        if self.unknown is None:
+            return list(colours)
+        irradiance = self.unknown.irradiance(self.photograph, normal)
+        return [e * c for e, c in zip(irradiance, colours, strict=True)]
 
 
 def faded(view: Float) -> Float:

@@ -1,0 +1,73 @@
+"""First look: what unknown light is fixed to, and by how much all cameras turn, from coarse recoveries.
+
+Each kind of light recovers the object on a coarse lattice from a part of the photographs; the kind that predicts the
+others best is taken. Photographs that the user keeps aside take no part.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hagoromo.recovery.camera_turn import CameraTurn
+from hagoromo.recovery.choices import Light
+from hagoromo.recovery.given import kept_aside
+from hagoromo.recovery.object_view import ObjectView
+from hagoromo.recovery.unknown_light import UnknownLight
+
+if TYPE_CHECKING:
+    from hagoromo.recovery.recovered import Recovered
+
+KINDS: tuple[Light, ...] = ("even", "object", "camera")
+SIDE = 48  # nodes along the longest edge
+KEEP = 5  # every how many photographs one judges
+BETTER = 0.2  # dB by which a light that depends on the normal must predict better than an even one
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """unknown: see `Recovered`. turn: of all cameras. tried: PSNR [dB] of each kind of light that was tried."""
+
+    unknown: UnknownLight | None
+    turn: CameraTurn | None
+    tried: Mapping[str, float]
+
+    def afresh(self, views: Sequence[ObjectView], unknown: UnknownLight | None = None) -> Look:
+        """The same for other views. unknown: the light to begin with, else this one."""
+        photographs, light = [v.photograph for v in views], unknown or self.unknown
+        turn = None if self.turn is None else CameraTurn(photographs, self.turn.vector)
+        return Look(None if light is None else light.of(photographs), turn, self.tried)
+
+
+def unknown_light(kind: Light, views: Sequence[ObjectView]) -> UnknownLight | None:
+    """A light to start from; None for an even one."""
+    return UnknownLight(kind, [v.photograph for v in views]) if kind == "object" or kind == "camera" else None
+
+
+def first_look(
+    views: Sequence[ObjectView],
+    kind: Light,
+    coarse: Callable[[tuple[ObjectView, ...], tuple[ObjectView, ...], UnknownLight | None], Recovered],
+) -> Look:
+    """The light and the turn of some views. coarse: recovers from used views and kept ones under a kind of light.
+
+    `KeyboardInterrupt` where a coarse recovery was interrupted: there is nothing to give yet.
+    """
+    aside = kept_aside(len(views), KEEP)
+    used, kept = (tuple(v for v, out in zip(views, aside, strict=True) if out == which) for which in (False, True))
+    found: dict[str, Recovered] = {}
+    for each in KINDS if kind == "auto" and kept else ("even" if kind == "auto" else kind,):
+        found[each] = coarse(used, kept, unknown_light(each, used))
+        if not found[each].complete:
+            raise KeyboardInterrupt
+    tried = {each: float(np.mean([s.psnr for s in one.scores()])) for each, one in found.items()} if kept else {}
+    best = max(found, key=lambda each: tried.get(each, 0.0) - (0.0 if each == "even" else BETTER))
+    turn, unknown, photographs = found[best].turn, found[best].unknown, [v.photograph for v in views]
+    return Look(
+        None if unknown is None else unknown.of(photographs),
+        None if turn is None else CameraTurn(photographs, turn.vector),
+        tried,
+    )

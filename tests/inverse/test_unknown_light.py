@@ -1,0 +1,118 @@
+"""Recovery under light that nobody measured: what it is fixed to, and cameras that all look a little aside."""
+
+from dataclasses import replace
+
+import drjit as dr
+import numpy as np
+import pytest
+
+import hagoromo as hg
+from hagoromo.backend import arrays
+from hagoromo.recovery.recovered import score
+from hagoromo.recovery.unknown_light import TERMS, UnknownLight, harmonics
+from studies.recover_scenes import Shots, Truth, around, simulated
+
+SETTINGS = hg.RecoverySettings(side=32, steps=60, rays=1 << 13, keep=8)
+ASIDE = 2.0  # px by which principal points are wrong
+SEED = 4
+
+
+def unlit(lamp_of):
+    """24 views of an object under one lamp for each, of which no photograph says anything."""
+    views = around(24, turn=0.3)
+    lamps = [np.asarray(lamp_of(view), float)[None] for view in views]
+    taken = simulated(Truth(beta=0.0, flat=True), Shots(views, lamps, 64), SEED)
+    return hg.Capture(tuple(replace(p, lamps=()) for p in taken.capture.photographs), "unlit")
+
+
+def beside_the_camera(view):
+    """A lamp 40° above the eye."""
+    up = np.array([0.0, 0.0, 1.0]) - view[2] * view
+    up /= np.linalg.norm(up)
+    return 0.5 * (np.cos(np.radians(40.0)) * view + np.sin(np.radians(40.0)) * up)
+
+
+@pytest.fixture(scope="module")
+def moving():
+    return unlit(beside_the_camera)
+
+
+@pytest.fixture(scope="module")
+def standing():
+    return unlit(lambda view: (0.3, 0.2, 0.35))
+
+
+def mean_psnr(found):
+    return np.mean([each.psnr for each in found.scores()])
+
+
+def test_harmonics_are_orthonormal_over_all_directions():
+    normals = around(4096, 1) / 1.0
+    z = 1.0 - 2.0 * (np.arange(4096) + 0.5) / 4096  # evenly, the poles too
+    r = np.sqrt(1.0 - z * z)
+    angle = np.arctan2(normals[:, 1], normals[:, 0])
+    jit = arrays()
+    terms = harmonics(jit.Array3f(*(jit.Float(x) for x in (r * np.cos(angle), r * np.sin(angle), z))))
+    table = np.stack([np.array(t) for t in terms])
+    assert np.allclose(table @ table.T / 4096, np.eye(TERMS), atol=5e-3)
+
+
+def test_light_that_is_fixed_to_the_camera_turns_with_it(moving):
+    photographs, jit = moving.photographs, arrays()
+    numbers = np.zeros((TERMS, 3))
+    numbers[0], numbers[2] = 1.0, -0.3  # brighter from above: the y axis of cameras points down
+    light = UnknownLight("camera", photographs, numbers)
+    for k in (0, 5):
+        normal = -photographs[k].camera.world_to_camera[1, :3]  # up in that photograph
+        found = light.irradiance(jit.UInt([k, k]), jit.Array3f(*(jit.Float([float(x)] * 2) for x in normal)))
+        assert np.allclose(np.array(found[0]), 1.0 + 0.3 * np.sqrt(3.0), rtol=1e-5)
+        assert dr.width(found) == 2
+
+
+@pytest.mark.nightly
+def test_light_that_moves_with_the_camera_is_found_and_predicts_better(moving):
+    found = hg.recover(moving, SETTINGS)
+    assert found.unknown is not None and found.unknown.frame == "camera"
+    assert found.record()["lamps"].startswith("unknown, fixed to the camera")
+    assert max(found.tried, key=lambda kind: found.tried[kind]) == "camera"
+    assert mean_psnr(found) > mean_psnr(hg.recover(moving, replace(SETTINGS, light="even"))) + 3.0  # dB
+
+
+@pytest.mark.nightly
+def test_light_that_stands_still_is_not_taken_for_one_that_moves(standing):
+    found = hg.recover(standing, SETTINGS)
+    assert found.unknown is None or found.unknown.frame == "object"
+    assert found.tried["object"] > found.tried["camera"]
+
+
+@pytest.mark.nightly
+def test_cameras_that_all_look_aside_are_turned_and_those_kept_aside_with_them(standing):
+    moved = []
+    for p in standing.photographs:
+        x, y = p.camera.principal
+        moved.append(replace(p, camera=replace(p.camera, principal=(x + ASIDE, y))))
+    aside, given = hg.Capture(tuple(moved), "aside"), replace(SETTINGS, light="even")
+    found, stated = hg.recover(aside, given), hg.recover(aside, replace(given, refine="none"))
+    assert stated.turn is None and found.turn is not None
+    assert found.turn.vector[1] / found.turn.pixel == pytest.approx(ASIDE, abs=0.4)  # px
+    assert mean_psnr(found) > mean_psnr(stated) + 1.0  # dB
+
+
+@pytest.mark.nightly
+def test_exact_cameras_stay(standing):
+    found = hg.recover(standing, replace(SETTINGS, light="even"))
+    assert found.turn is not None
+    assert np.abs(found.turn.vector[:2] / found.turn.pixel).max() < 0.4  # px
+
+
+def test_what_is_beside_a_stated_silhouette_counts_as_black(standing):
+    photograph = standing.photographs[0]
+    light = np.where(photograph.silhouette[..., None], photograph.values, 0.0)
+    bright = replace(photograph, values=np.where(photograph.silhouette[..., None], photograph.values, np.float32(0.5)))
+    assert score(bright, bright.silhouette, light).psnr > 100.0
+
+
+@pytest.mark.parametrize(("key", "value"), [("light", "sun"), ("refine", "lens")])
+def test_unknown_words_end_in_one_line(key, value):
+    with pytest.raises(hg.InputError, match=f"{key} is {value!r}: give"):
+        hg.RecoverySettings(**{key: value})
