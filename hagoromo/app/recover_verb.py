@@ -35,12 +35,13 @@ def recover(
     seed: int = 0,
     light: Light = "auto",
     refine: Refine = "auto",
+    resume: bool = False,
     force: Force = False,
 ) -> None:
     """Photographs of many views and lamps → a volume box of the object; its mesh, figures and a report beside it.
 
     The result is BOX.zarr (--out), BOX.ply, BOX.json and BOX.html. Ctrl-C ends the work early and writes what
-    there is, with exit status 130.
+    there is, with exit status 130. Until the work is done, BOX.checkpoint.npz holds it: --resume goes on from there.
 
     Args:
         capture: folder with transforms.json: a camera and a lamp, or several, for each photograph. Without lamps they
@@ -58,17 +59,23 @@ def recover(
             the one that predicts best.
         refine: cameras: one small turn of all cameras together is estimated, as of a principal point that is some
             pixels wrong. auto: where no lamps are known.
+        resume: go on from BOX.checkpoint.npz, with the same capture and options. The result has the same bits.
     """
     if out.suffix != ".zarr":
         raise InputError(f"{out} is no name of a volume box: give one that ends in .zarr")
     box, *beside = recovery_files(out).files
+    checkpoint = out.with_suffix(".checkpoint.npz")
+    _check_begun(checkpoint, resume, force)
+    force = force or resume  # what is there is of the same work
     replaceable_folder(box, force)
     replaceable_files(beside, force)
     settings = hg.RecoverySettings(
         side=side, steps=steps, keep=keep, shadows=shadows, errors=errors, seed=seed, light=light, refine=refine
     )
+    if not resume:
+        checkpoint.unlink(missing_ok=True)
     with progress_bar("recover") as progress:
-        recovered = hg.recover(capture, settings, progress)
+        recovered = hg.recover(capture, settings, progress, checkpoint)
     made, mesh, record = recovered.box(voxels), recovered.mesh(), recovered.record()
     with whole_files(beside, force) as (mesh_file, record_file, page):
         mesh.save(mesh_file)
@@ -78,8 +85,16 @@ def recover(
     for line in summary(record):
         say(line)
     if not recovered.complete:
-        raise KeyboardInterrupt(f"{box} and what stands beside it are what there was by then")
+        raise KeyboardInterrupt(f"{box} and what stands beside it are what there was by then; --resume goes on")
     wrote(box, *beside)
+
+
+def _check_begun(checkpoint: Path, resume: bool, force: bool) -> None:
+    """`InputError` where there is no work to resume, or where there is some that nobody asked to start anew."""
+    if resume and not checkpoint.exists():
+        raise InputError(f"there is no {checkpoint} to go on from: leave --resume out")
+    if checkpoint.exists() and not (resume or force):
+        raise InputError(f"{checkpoint} holds unfinished work: give --resume to go on, or --force to start anew")
 
 
 def summary(record: dict[str, Any]) -> list[str]:

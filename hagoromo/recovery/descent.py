@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import drjit as dr
@@ -102,18 +103,28 @@ class Descent:
         self.by_colours = [Adam(len(held)) for _ in range(COLOURS)]
 
     def run(
-        self, steps: int, chunks: int, softness: tuple[float, float], rate: float, progress: Progress = silent
+        self,
+        steps: int,
+        chunks: int,
+        softness: tuple[float, float],
+        rate: float,
+        progress: Progress = silent,
+        keep: Callable[[int], None] | None = None,
+        first: int = 0,
     ) -> None:
         """`steps` steps, each by `chunks` chunks of pixels; s falls from the first softness to the last [voxel].
 
-        rate: of distances, in the first step [voxel].
+        rate: of distances, in the first step [voxel]. keep: is called before a step for which the nodes that move are
+        chosen anew. first: such a step, to go on from.
         """
         total = self.pixels.count // CHUNK
-        for k in range(steps):
+        for k in range(first, steps):
             share = k / max(steps - 1, 1)
             progress(k / steps)
             self.rendering.softness = softness[0] * (softness[1] / softness[0]) ** share
-            if k and k % CHOOSE_EVERY == 0 and share < LAST_CHOICE:
+            if k > first and k % CHOOSE_EVERY == 0 and share < LAST_CHOICE:
+                if keep is not None:
+                    keep(k)
                 self.choose()
             fall = LAST_RATE**share
             picked = np.sort(self.random.integers(0, total, min(chunks, total)))

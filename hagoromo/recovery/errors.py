@@ -20,7 +20,7 @@ from scipy.spatial import KDTree
 
 from hagoromo.backend import arrays, column
 from hagoromo.recovery.distance_field import COLOURS, DistanceField
-from hagoromo.recovery.levels import Shape
+from hagoromo.recovery.recovered_shape import Shape
 
 Array = NDArray[np.float64]
 
@@ -29,7 +29,7 @@ NEIGHBOURHOOD = 2.5  # voxels, radius of the means
 NEWTON_STEPS, STEEP = 4, 0.1  # towards the surface; least |∇d|² that a step divides by
 
 
-class Surface(NamedTuple):
+class OnSurface(NamedTuple):
     """Of places: signed distance [m], unit normals (n, 3) and body colours (n, 3)."""
 
     distance: Array
@@ -76,14 +76,14 @@ def _on_surface(shape: Shape, places: Array) -> Array:
     return places
 
 
-def _surface(shape: Shape, places: Array) -> Surface:
+def _surface(shape: Shape, places: Array) -> OnSurface:
     """What an object has at places of the world (n, 3) [m]."""
     own = shape.lattice.from_world(places)
     distance, slope = _looked_up(shape, own)
     normals = slope / np.maximum(np.linalg.norm(slope, axis=1, keepdims=True), 1e-12)
     field = DistanceField(shape.distance, shape.colours)
     colours = np.stack([np.array(each, np.float64) for each in field.colours_at(_points(own))], axis=1)
-    return Surface(distance * shape.lattice.voxel, normals, colours)
+    return OnSurface(distance * shape.lattice.voxel, normals, colours)
 
 
 def _looked_up(shape: Shape, places: Array) -> tuple[Array, Array]:

@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import json
+from collections.abc import Callable, Sequence
+from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy import ndimage
 
 from hagoromo.files.memory import require
 from hagoromo.progress import Progress, part_of
 from hagoromo.recovery.descent import DISTANCE_RATE, FIRST_RATE, Descent
-from hagoromo.recovery.distance_field import COLOURS, DistanceField
+from hagoromo.recovery.distance_field import DistanceField
 from hagoromo.recovery.first_look import Look
-from hagoromo.recovery.hull import redistanced, without_crumbs
 from hagoromo.recovery.lamp_table import LampTable
-from hagoromo.recovery.lattice import Lattice
 from hagoromo.recovery.object_view import ObjectView
 from hagoromo.recovery.pixel_table import CHUNK, PixelTable
-from hagoromo.recovery.shading import START, coordinates
+from hagoromo.recovery.recovered_shape import Shape
+from hagoromo.recovery.work import Checkpoint, FoundLook
 
 COARSEST = 32  # nodes along the longest edge of the first level
 FOOTPRINT = 2.5  # pixels of a voxel's edge, at least, that pixels are not joined for
@@ -27,33 +25,13 @@ MODEL_ERROR, LAST_MODEL_ERROR = 0.02, 0.01  # relative error of the model, of co
 SOFTNESS, LAST_SOFTNESS = (1.0, 0.33), (0.6, 0.2)  # s at begin and end of a level, and of the last one [voxel]
 BYTES_PER_PIXEL = 120.0  # of all arrays together
 LEVEL_SHARE = 0.35  # of the steps of the last level, that a coarse one takes of the work
-SPLINE = 2  # degree of the spline that distances are
 
 
-@dataclass(frozen=True, eq=False)
-class Shape:
-    """An object on a lattice. distance: (nz, ny, nx) [voxel]. colours: (nz, ny, nx, 3). gloss: see `coordinates`."""
+Keep: TypeAlias = Callable[[Checkpoint], None]
 
-    lattice: Lattice
-    distance: NDArray[np.float32]
-    colours: NDArray[np.float32]
-    gloss: NDArray[np.float64]
 
-    @staticmethod
-    def of_hull(lattice: Lattice, hull: NDArray[np.floating]) -> Shape:
-        """That of a hull: grey, and of usual gloss."""
-        grey = np.full((*hull.shape, COLOURS), 0.4, np.float32)
-        return Shape(lattice, redistanced(hull), grey, coordinates(*START))
-
-    def finer(self, side: int) -> Shape:
-        """The same on a lattice of `side` nodes around it: there distances have the values of the spline they are."""
-        own = np.asarray(without_crumbs(self.distance), np.float64)
-        lattice = self.lattice.around_surface(own, side)
-        at = np.moveaxis(self.lattice.from_world(lattice.nodes())[..., ::-1], 3, 0)
-        values = ndimage.map_coordinates(own, at, order=SPLINE, mode="nearest", prefilter=False)
-        distance = np.asarray(ndimage.spline_filter(values * (self.lattice.voxel / lattice.voxel), order=SPLINE))
-        colours = [ndimage.map_coordinates(self.colours[..., c], at, order=1, mode="nearest") for c in range(COLOURS)]
-        return Shape(lattice, distance.astype(np.float32), np.stack(colours, axis=3).astype(np.float32), self.gloss)
+def nothing_kept(checkpoint: Checkpoint) -> None:
+    """Where nobody wants to go on."""
 
 
 class Levels:
@@ -86,19 +64,53 @@ class Levels:
         field = self.descent.field
         return Shape(self.lattice, field.distances(), field.body_colours(), self.descent.gloss)
 
-    def run(self, steps: int, progress: Progress) -> Descent:
-        """Go through all levels; gives the descent of the last."""
+    @property
+    def softness(self) -> float:
+        """s by now [voxel]."""
+        return LAST_SOFTNESS[1] if self.descent is None else self.descent.rendering.softness
+
+    def checkpoint(self, level: int, step: int = 0) -> Checkpoint:
+        """Where the work stands, before a step of a level."""
+        random = "" if self.descent is None else json.dumps(self.descent.random.bit_generator.state)
+        return Checkpoint(level, step, self.shape, self.before, FoundLook.of(self.look), random)
+
+    @property
+    def end(self) -> Checkpoint:
+        """Where the work stands after all levels."""
+        return self.checkpoint(len(self.sides))
+
+    def go_back_to(self, checkpoint: Checkpoint) -> None:
+        """Take what was found by then."""
+        self.start, self.before, self.lattice = checkpoint.shape, checkpoint.before, checkpoint.shape.lattice
+        self.look = checkpoint.look.of_views(self.views)
+
+    def run(
+        self, steps: int, progress: Progress, keep: Keep = nothing_kept, since: Checkpoint | None = None
+    ) -> Descent | None:
+        """Go through all levels; gives the descent of the last, None where all were done before.
+
+        keep: takes a checkpoint, from time to time. since: one to go on from.
+        """
+        if since is not None:
+            self.go_back_to(since)
         shares = np.array([LEVEL_SHARE] * (len(self.sides) - 1) + [1.0])
         ends = np.concatenate([[0.0], np.cumsum(shares / shares.sum())])
-        for number, side in enumerate(self.sides):
+        for number in range(0 if since is None else since.level, len(self.sides)):
+            first = since.step if since is not None and number == since.level else 0
+            if first == 0:
+                self.before = self.shape
+            begin = self.before.finer(self.sides[number]) if number and first == 0 else self.shape
             last = number == len(self.sides) - 1
-            self.before = self.shape
-            begin = self.before.finer(side) if number else self.start
             self.lattice, self.descent = begin.lattice, self._descent(begin, last)
-            own = part_of(progress, float(ends[number]), float(np.diff(ends)[number]), f"{side} nodes")
+            if since is not None and first:
+                self.descent.random.bit_generator.state = json.loads(since.random)
+            own = part_of(progress, float(ends[number]), float(np.diff(ends)[number]), f"{self.sides[number]} nodes")
             softness, rate = LAST_SOFTNESS if last else SOFTNESS, DISTANCE_RATE if number else FIRST_RATE
-            self.descent.run(steps, self.rays // CHUNK, softness, rate, own)
-        assert self.descent is not None  # there is a level
+
+            def kept(step: int, number: int = number) -> None:
+                keep(self.checkpoint(number, step))
+
+            self.descent.run(steps, self.rays // CHUNK, softness, rate, own, kept, first)
         return self.descent
 
     def _descent(self, begin: Shape, last: bool) -> Descent:

@@ -20,17 +20,20 @@ from hagoromo.recovery.first_look import SIDE, Look, first_look
 from hagoromo.recovery.given import LEAST_VIEWS, check_lamps, check_not_cut, checked, kept_aside
 from hagoromo.recovery.hull import box_of, check_all_show_it, hull_distance, outlines_of, without_crumbs
 from hagoromo.recovery.lattice import Lattice
-from hagoromo.recovery.levels import Levels, Shape, sides_of
+from hagoromo.recovery.levels import Levels, sides_of
 from hagoromo.recovery.object_view import ObjectView
 from hagoromo.recovery.pixel_table import CHUNK
 from hagoromo.recovery.recovered import Recovered
+from hagoromo.recovery.recovered_shape import Shape
 from hagoromo.recovery.silhouettes import views_of
 from hagoromo.recovery.unknown_light import UnknownLight
+from hagoromo.recovery.work import FoundLook, Work
 
 Views: TypeAlias = tuple[ObjectView, ...]
 LEAST_SIDE, LARGEST_SIDE = 16, 512  # nodes along the longest edge
 BYTES_PER_NODE = 90.0  # of all arrays together
 LOOK_SHARE = 0.3  # of the work, that a first look is
+WHOLE, HALVES = "whole", ("first half", "second half")  # what there are checkpoints of
 WHOLE_SHARE = 0.55  # of the work, of what is not done for the errors
 
 
@@ -69,7 +72,10 @@ class RecoverySettings:
 
 
 def recover(
-    capture: Capture | str | Path, settings: RecoverySettings | None = None, progress: Progress = silent
+    capture: Capture | str | Path,
+    settings: RecoverySettings | None = None,
+    progress: Progress = silent,
+    work: str | Path | None = None,
 ) -> Recovered:
     """Shape, body colours and gloss of an object, from photographs taken all around it under known lamps.
 
@@ -79,6 +85,9 @@ def recover(
     a place sends out then stands for its body colour. Interrupted (KeyboardInterrupt), it gives what there is.
     `InputError` for fewer than three views, silhouettes that meet nowhere, a lattice too large for the memory, and
     photographs of other than one or three channels.
+
+    work: file (.npz) of what was found so far. It is written from time to time and removed at the end. Where it exists,
+    the work goes on from it, and ends with the bits that it would have had.
 
         recovered = hg.recover("capture")
         recovered.box().save("box.zarr")
@@ -90,6 +99,7 @@ def recover(
     check_not_cut(views)
     aside = kept_aside(len(views), settings.keep)
     used, kept = (tuple(v for v, out in zip(views, aside, strict=True) if out == which) for which in (False, True))
+    kept_work = Work(None if work is None else Path(work), photographs, asdict(settings))
     lit = any(p.lamps for p in photographs)
     turned = settings.refine == "cameras" or (settings.refine == "auto" and not lit)
     look = Look(None, CameraTurn([v.photograph for v in used]) if turned else None, {})
@@ -98,38 +108,46 @@ def recover(
         of_look = part_of(progress, 0.0, LOOK_SHARE, "first look")
 
         def looked_at(some: Views, others: Views, light: UnknownLight | None) -> Recovered:
-            return _recovered(some, others, coarse, look.afresh(some, light), of_look)
+            return _recovered(some, others, coarse, look.afresh(some, light), of_look, Work(None, (), {}))
 
-        look = first_look(used, settings.light, looked_at)
+        known = kept_work.found.look or FoundLook.of(first_look(used, settings.light, looked_at))
+        kept_work.keep(look=known)
+        look = known.of_views(used)
         progress = part_of(progress, LOOK_SHARE, 1.0 - LOOK_SHARE)
-    found = _recovered(used, kept, settings, look, progress)
+    found = _recovered(used, kept, settings, look, progress, kept_work)
+    if found.complete:
+        kept_work.end()
     return replace(found, name=taken.name, assumptions=dict(taken.assumptions))
 
 
-def _recovered(used: Views, kept: Views, settings: RecoverySettings, look: Look, progress: Progress) -> Recovered:
+def _recovered(
+    used: Views, kept: Views, settings: RecoverySettings, look: Look, progress: Progress, work: Work
+) -> Recovered:
     """What is recovered of views that are used, by what a first look found."""
     progress(0.0, "hull")
     levels = _levels(used, settings, look, settings.rays)
     both = settings.errors and len(used) >= 2 * LEAST_VIEWS
-    known, errors = None, None
+    known, errors = work.found.known, None
     try:
-        descent = levels.run(settings.steps, part_of(progress, 0.0, WHOLE_SHARE if both else 1.0))
-        known = evidence_of(descent, levels.before.gloss if len(levels.sides) > 1 else None)
+        of_whole = part_of(progress, 0.0, WHOLE_SHARE if both else 1.0)
+        descent = levels.run(settings.steps, of_whole, work.keeps(WHOLE), work.found.checkpoints.get(WHOLE))
+        if known is None and descent is not None:
+            known = evidence_of(descent, levels.before.gloss if len(levels.sides) > 1 else None)
+            work.keep(known=known, checkpoints={WHOLE: levels.end})
         if both:
-            errors = _errors(levels, settings, part_of(progress, WHOLE_SHARE, 1.0 - WHOLE_SHARE, "errors"))
+            errors = _errors(levels, settings, part_of(progress, WHOLE_SHARE, 1.0 - WHOLE_SHARE, "errors"), work)
     except KeyboardInterrupt:
-        if levels.descent is None:
+        if levels.descent is None and levels.start is levels.before:
             raise
-    assert levels.descent is not None  # there is a level
-    found = levels.shape
-    if look.turn is not None:
-        used, kept = _turned(used, look.turn), _turned(kept, look.turn)
+    found, turn = levels.shape, levels.look.turn
+    if turn is not None:
+        used, kept = _turned(used, turn), _turned(kept, turn)
     return Recovered(
         found.lattice, np.asarray(without_crumbs(found.distance), np.float32), found.colours, found.gloss,
-        levels.descent.rendering.softness, tuple(v.photograph for v in used), kept,
-        any(v.photograph.lamps for v in used), asdict(settings), stated=used[0].stated, evidence=known, errors=errors,
+        levels.softness, tuple(v.photograph for v in used), kept, any(v.photograph.lamps for v in used),
+        asdict(settings), stated=used[0].stated, evidence=known, errors=errors,
         complete=known is not None and (errors is not None or not both),
-        unknown=look.unknown, turn=look.turn, tried=look.tried,
+        unknown=levels.look.unknown, turn=turn, tried=look.tried,
     )  # fmt: skip
 
 
@@ -149,13 +167,14 @@ def _levels(views: Views, settings: RecoverySettings, look: Look, rays: int) -> 
     return Levels(views, Shape.of_hull(lattice, hull), sides, rays, settings.seed, settings.shadows, look)
 
 
-def _errors(whole: Levels, settings: RecoverySettings, progress: Progress) -> Errors:
+def _errors(whole: Levels, settings: RecoverySettings, progress: Progress, work: Work) -> Errors:
     """The errors of what all photographs gave, by what each half of them gives."""
     halves = []
-    for number in range(2):
-        views = tuple(whole.views[number::2])
+    for number, name in enumerate(HALVES):
+        views, keep = tuple(whole.views[number::2]), work.keeps(name)
         half = _levels(views, settings, whole.look.afresh(views), settings.rays // 2)
-        half.run(settings.steps, part_of(progress, 0.5 * number, 0.5))
+        half.run(settings.steps, part_of(progress, 0.5 * number, 0.5), keep, work.found.checkpoints.get(name))
+        keep(half.end)
         halves.append(half.shape)
     return errors_of(whole.shape, halves, whole.before if len(whole.sides) > 1 else None)
 

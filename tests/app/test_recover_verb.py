@@ -63,6 +63,36 @@ def test_an_interrupt_writes_what_there_is_and_says_so(capture, tmp_path, monkey
     assert not json.loads(out.with_suffix(".json").read_text())["complete"]
 
 
+def test_work_goes_on_where_it_was_interrupted(capture, tmp_path, monkeypatch, capsys):
+    out, many = tmp_path / "part.zarr", ["--side", "16", "--steps", "40", "--no-errors"]
+    with monkeypatch.context() as patch:
+        from hagoromo.recovery.descent import Descent
+
+        patch.setattr(Descent, "choose", interrupting(Descent.choose, 2))
+        assert main(["recover", str(capture), "--out", str(out), *many]) == 130
+    checkpoint = out.with_suffix(".checkpoint.npz")
+    assert checkpoint.exists()
+    assert main(["recover", str(capture), "--out", str(out), *many]) == 2
+    assert "give --resume to go on" in capsys.readouterr().err
+    assert main(["recover", str(capture), "--out", str(out), *many, "--resume"]) == 0
+    assert json.loads(out.with_suffix(".json").read_text())["complete"] and not checkpoint.exists()
+    assert main(["recover", str(capture), "--out", str(out), *many, "--resume"]) == 2
+    assert "leave --resume out" in capsys.readouterr().err
+
+
+def interrupting(method, call):
+    """The method, which is interrupted at its `call`-th call."""
+    calls = []
+
+    def called(self):
+        calls.append(None)
+        if len(calls) == call:
+            raise KeyboardInterrupt
+        return method(self)
+
+    return called
+
+
 def test_nothing_that_is_there_is_replaced_without_force(capture, written, capsys):
     assert main(["recover", str(capture), "--out", str(written), *QUICK]) == 2
     assert "object.zarr" in capsys.readouterr().err

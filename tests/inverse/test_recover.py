@@ -185,6 +185,42 @@ def test_an_interrupt_gives_what_there_is(taken):
     assert (found.distance < 0.0).any()
 
 
+@pytest.mark.by_night("0.45-True", "0.75-False")
+@pytest.mark.parametrize(("at", "lamps"), [(0.45, True), (0.8, True), (0.75, False)])
+def test_work_that_goes_on_ends_with_the_same_bits(taken, tmp_path, at, lamps):
+    """Interrupted in a level, in a half for the errors, and under unknown light that is fitted, too."""
+    capture = taken.capture if lamps else hg.Capture(tuple(replace(p, lamps=()) for p in taken.capture.photographs))
+    settings = hg.RecoverySettings(
+        side=18, steps=42, rays=1 << 10, keep=0, errors=lamps, light="auto" if lamps else "camera"
+    )
+
+    def stop(share, step=""):
+        if share > at:
+            raise KeyboardInterrupt
+
+    work = tmp_path / "work.npz"
+    part = hg.recover(capture, settings, stop, work)
+    assert not part.complete and work.exists()
+    resumed, whole = hg.recover(capture, settings, work=work), hg.recover(capture, settings)
+    assert resumed.complete and not work.exists()
+    for name in ("distance", "colours", "gloss"):
+        assert np.array_equal(getattr(resumed, name), getattr(whole, name))
+    assert np.array_equal(resumed.evidence.covariance, whole.evidence.covariance)
+    if lamps:
+        assert np.array_equal(resumed.errors.position, whole.errors.position, equal_nan=True)
+
+
+def test_work_on_other_photographs_is_refused(taken, tmp_path):
+    def stop(share, step=""):
+        if share > 0.8:
+            raise KeyboardInterrupt
+
+    settings = hg.RecoverySettings(side=16, steps=40, rays=1 << 10, keep=0, errors=False)
+    hg.recover(taken.capture, settings, stop, tmp_path / "work.npz")
+    with pytest.raises(hg.InputError, match="other photographs or with other settings"):
+        hg.recover(taken.capture, replace(settings, seed=1), work=tmp_path / "work.npz")
+
+
 def with_lamps(photographs, some):
     return [p if k in some else replace(p, lamps=()) for k, p in enumerate(photographs)]
 
