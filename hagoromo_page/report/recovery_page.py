@@ -54,6 +54,11 @@ def _found(recovered: Recovered, record: dict[str, Any]) -> list[str]:
         near = np.abs(recovered.distance) < 0.5
         never = float((recovered.evidence.seen[near] == 0).mean())
         said.append(f"{100.0 * never:.1f} % of the surface is in no pixel that was used: it is closed smoothly there.")
+    if not recovered.lit:
+        tried = ", ".join(f"{kind} {db:.2f} dB" for kind, db in record["lights_tried_db"].items())
+        said.append(f"The light is {record['lamps']}." + (f" A first look tried: {tried}." if tried else ""))
+    if recovered.turn is not None:
+        said.append(f"Cameras: {record['cameras']}, estimated from the photographs that were used.")
     return said
 
 
