@@ -63,6 +63,11 @@ def _found(recovered: Recovered, record: dict[str, Any]) -> list[str]:
             f"normal {_both(normal, 180.0 / np.pi)}°, body colour {_both(colour, 100.0)} %."
         )
         said.append(f"{100.0 * errors['never_shown']:.1f} % of the surface is in no photograph: it is closed smoothly.")
+    if not recovered.lit:
+        tried = ", ".join(f"{kind} {db:.2f} dB" for kind, db in record["lights_tried_db"].items())
+        said.append(f"The light is {record['lamps']}." + (f" A first look tried: {tried}." if tried else ""))
+    if recovered.turn is not None:
+        said.append(f"Cameras: {record['cameras']}, estimated from the photographs that were used.")
     return said
 
 

@@ -30,7 +30,9 @@ INSIDE = {  # modules of the package that a study takes apart, and why no public
     "predicted_photograph.py": {"measurement.normals.photometric_model"},
     # exact shapes by signed distances, and light by the law itself, sphere-traced on the device
     "recover_scenes.py": {"backend", "matter", "reflectance.torrance_sparrow"},
-    "recovery.py": {"backend", "recovery.recovered"},
+    "recovery.py": {"backend"},
+    # photographs beside cameras of another program, read as sRGB, and their masks
+    "real_captures.py": {"files.png", "photograph.gather"},
     # the materials of normals that were solved before, many times over
     "object_study.py": {"measurement.normals.gloss_estimate"},
     # stages of one calibration, each judged by itself

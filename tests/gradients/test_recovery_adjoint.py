@@ -4,15 +4,17 @@ import drjit as dr
 import numpy as np
 import pytest
 
+import hagoromo as hg
 from hagoromo.backend import arrays, evaluate, lookup
 from hagoromo.recovery.descent import BENDING, EIKONAL, smoothness_slope
 from hagoromo.recovery.distance_field import COLOURS, DistanceField
 from hagoromo.recovery.shading import faded
 from hagoromo.recovery.surface_march import LatticeRays, SurfaceMarch, depth_between, share_of
+from hagoromo.recovery.unknown_light import TERMS, UnknownLight
 from hagoromo.reflectance.torrance_sparrow import torrance_sparrow
 
 SIDE, RAYS = 20, 400
-STEP = 1e-3  # [voxel], or of a colour, of central differences
+STEPS = (1e-3, 2.5e-4)  # [voxel], or of a colour, of central differences; their mean is less rough where splines join
 
 
 class Glossy:
@@ -25,6 +27,25 @@ class Glossy:
         weights = torrance_sparrow(normal, to_lamp, to_eye, 0.3, 0.5, 0.3, 1.5)
         fade = faded(dr.dot(normal, to_eye))
         return [fade * (weights.body * colour + weights.interface) for colour in colours]
+
+
+class Smooth:
+    """Light that nobody measured, a polynomial of the normal in the axes of a camera that looks along y."""
+
+    channels = COLOURS
+
+    def __init__(self):
+        pose = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0], [0.0, 1.0, 0.0, 5.0], [0.0, 0.0, 0.0, 1.0]])
+        camera = hg.Camera(1, 1, (1.0, 1.0), (0.5, 0.5)).with_pose(pose)
+        dark = np.zeros((1, 1, 3), np.float32)
+        numbers = np.random.default_rng(8).normal(0.0, 0.08, (TERMS, COLOURS))
+        numbers[0] = 1.0
+        photograph = hg.Photograph(dark, dark + 1.0, np.ones((1, 1), bool), camera)
+        self.light = UnknownLight("camera", [photograph], numbers)
+
+    def __call__(self, place, normal, to_eye, colours):
+        irradiance = self.light.irradiance(arrays().UInt(0), normal)
+        return [e * colour for e, colour in zip(irradiance, colours, strict=True)]
 
 
 def column(values):
@@ -45,8 +66,8 @@ def even_steps():
         yield
 
 
-@pytest.fixture(scope="module")
-def scene():
+@pytest.fixture(scope="module", params=[Glossy, Smooth], ids=["a lamp", "unknown light"])
+def scene(request):
     """A bumpy ball, rays that meet it or pass it by, and the derivative of a loss by its light."""
     random, jit = np.random.default_rng(3), arrays()
     z, y, x = np.meshgrid(*[np.arange(SIDE) - 0.5 * (SIDE - 1)] * 3, indexing="ij")
@@ -60,7 +81,7 @@ def scene():
     )
     rays = LatticeRays(origin, direction, column(np.zeros(RAYS)), column(np.full(RAYS, 16.0)))
     weights = [column(random.normal(size=RAYS)) for _ in range(COLOURS)]
-    march = SurfaceMarch(field, dr.opaque(jit.Float, 1.0 / 0.5), Glossy())
+    march = SurfaceMarch(field, dr.opaque(jit.Float, 1.0 / 0.5), request.param())
     evaluate(rays, weights)
     return field, march, rays, weights
 
@@ -87,14 +108,17 @@ def gradient(scene):
 def differences(scene, by_distance, by_colours):
     """Central difference of the loss for a change of the field."""
     field, march, rays, weights = scene
-    old, losses = (field.distance, field.colours), []
-    for sign in (1.0, -1.0):
-        field.distance = old[0] + column(sign * STEP * by_distance)
-        field.colours = old[1] + column(sign * STEP * by_colours)
-        dr.eval(field.distance, field.colours)
-        losses.append(loss(march, rays, weights))
+    old, slopes = (field.distance, field.colours), []
+    for step in STEPS:
+        losses = []
+        for move in (step, -step):
+            field.distance = old[0] + column(move * by_distance)
+            field.colours = old[1] + column(move * by_colours)
+            dr.eval(field.distance, field.colours)
+            losses.append(loss(march, rays, weights))
+        slopes.append((losses[0] - losses[1]) / (2.0 * step))
     field.distance, field.colours = old
-    return (losses[0] - losses[1]) / (2.0 * STEP)
+    return float(np.mean(slopes))
 
 
 def test_by_distances_it_is_that_of_central_differences(scene, gradient):

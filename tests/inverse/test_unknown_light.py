@@ -8,6 +8,9 @@ import pytest
 
 import hagoromo as hg
 from hagoromo.backend import arrays
+from hagoromo.recovery.lattice import Lattice
+from hagoromo.recovery.object_view import ObjectView
+from hagoromo.recovery.pixel_table import UNLIT_ERROR, PixelTable
 from hagoromo.recovery.recovered import score
 from hagoromo.recovery.unknown_light import TERMS, UnknownLight, harmonics
 from studies.recover_scenes import Shots, Truth, around, simulated
@@ -103,6 +106,26 @@ def test_exact_cameras_stay(standing):
     found = hg.recover(standing, replace(SETTINGS, light="even"))
     assert found.turn is not None
     assert np.abs(found.turn.vector[:2] / found.turn.pixel).max() < 0.4  # px
+
+
+def test_without_lamps_dark_and_bright_pixels_count_alike(standing):
+    """By one error of the model, of the size of the light, where their noise is nothing beside it."""
+    p = standing.photographs[0]
+    view = ObjectView(replace(p, variance=np.full_like(p.variance, 1e-12)), p.silhouette)
+    pixels = PixelTable([view], Lattice.around(np.full(3, -0.06), np.full(3, 0.06), 32), 0.01, 0.5)
+    weights = np.array(pixels.table[8])
+    assert np.allclose(weights[weights > 0.0], (UNLIT_ERROR * 0.5) ** -2)
+    assert (weights > 0.0).sum() > 100
+
+
+def test_a_lattice_shrinks_to_the_surface_and_not_beyond_the_old_one():
+    old = Lattice(np.array([0.1, 0.2, 0.3]), 0.01, (23, 29, 31))
+    distance = np.full(old.shape, 9.0)
+    distance[8:12, 10:15, 1:20] = -1.0
+    new = old.around_surface(distance, 41)
+    assert max(new.shape) == 41
+    low, high = old.from_world(new.corner), old.from_world(new.high)
+    assert np.allclose(low, (0.0, 7.0, 5.0), atol=0.6) and np.allclose(high, (22.0, 17.0, 14.0), atol=0.6)
 
 
 def test_what_is_beside_a_stated_silhouette_counts_as_black(standing):
