@@ -33,6 +33,7 @@ FAINTEST = 0.002  # contrast of a feature; COLMAP's own, 0.0067, leaves too few 
 MOST_FEATURES = 4096  # of a picture, the coarsest first
 SHAPED = True
 GUIDED = True
+SMALL_MODEL = 10  # cameras; fewer are given up for another start, if there are twice as many photographs
 ALL_PAIRS = 120  # photographs up to which all pairs are matched
 NEIGHBOURS = 40  # of more, each is matched with so many that follow it by name, around the end
 BEGIN = 0.05  # of the progress at which the pictures are written
@@ -266,7 +267,9 @@ class _Search:
 
     def _mapping(self) -> Any:
         options, fitted = self.package.IncrementalPipelineOptions(), self.lens.camera is None
-        options.min_model_size, options.num_threads, options.random_seed = LEAST_VIEWS, 1, self.settings.seed
+        options.num_threads, options.random_seed = 1, self.settings.seed
+        # a first pair that leads to few cameras only is given up, and another one tried
+        options.min_model_size = max(LEAST_VIEWS, min(SMALL_MODEL, len(self.names) // 2))
         options.mapper.num_threads, options.mapper.random_seed = 1, self.settings.seed
         options.triangulation.random_seed = self.settings.seed
         options.extract_colors = False
