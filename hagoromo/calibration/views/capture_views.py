@@ -163,8 +163,15 @@ def _structure(
         )
     camera = lens.camera
     known = None if camera is None else [*camera.focal, *camera.principal, *camera.distortion]
-    files = {name: [given.contents[name], _digest(given.masks.get(name))] for name in given.names}
-    made_of = {"version": __version__, "files": files, "settings": asdict(settings), "lens": known, "auto": given.auto}
+    masks = {name: content(path) for name, path in given.masks.items()} if settings.turntable else {}
+    files = {name: [given.contents[name], masks.get(name)] for name in given.names}
+    made_of = {
+        "version": __version__,
+        "files": files,
+        "settings": asdict(settings),
+        "lens": known,
+        "auto": settings.turntable and given.auto,
+    }
     key = hashlib.sha256(json.dumps(made_of, sort_keys=True).encode()).hexdigest()
     if not force and (work / KEY).is_file() and existing_file(work / KEY).read_text(encoding="utf-8") == key:
         return read_structure(work, given.names, lens)
@@ -179,10 +186,6 @@ def _structure(
         reconstruct(pictures, given.names, lens, settings, partial, progress)
         write_text(partial / KEY, key)
     return read_structure(work, given.names, lens)
-
-
-def _digest(path: Path | None) -> str | None:
-    return None if path is None else content(path)
 
 
 def _sized(
