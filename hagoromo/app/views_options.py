@@ -44,6 +44,10 @@ class ViewsOptions:
     coefficients: Literal[0, 1, 2] = 1
     """with --views: coefficients of radial distortion that are fitted (k1, k2), where no --camera states the lens."""
 
+    thorough: bool = False
+    """with --views: also faint points, and points as they look from other sides: five times the work, for smooth
+    matter such as plaster."""
+
     length: float | None = None
     """with --views: distance of two points [m], which gives the scale."""
 
@@ -136,7 +140,9 @@ def write_views(
     photographs: Sequence[Path], out: Path, options: ViewsOptions, stated: dict[str, Any], force: bool
 ) -> None:
     """Write the capture of many views and say what was found. stated: further arguments of `hg.capture_views`."""
-    settings = hg.ViewsSettings(options.turntable, options.coefficients, options.largest, options.seed)
+    settings = hg.ViewsSettings(
+        options.turntable, options.coefficients, options.thorough, options.largest, options.seed
+    )
     with progress_bar("capture") as progress:
         written = hg.capture_views(photographs, out, settings=settings, force=force, progress=progress, **stated)
     for remark in written.remarks:

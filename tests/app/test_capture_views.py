@@ -107,7 +107,8 @@ def test_cameras_are_found_once_for_the_same_photographs_and_settings(photograph
     assert main(command(photographs, out, "--lamp", "unknown")) == 0
     assert main(command(photographs, out, "--lamp", "unknown")) == 2  # the capture is there
     (tmp_path / "capture").rename(tmp_path / "first")
-    assert main(command(photographs, out, "--lamp", "flash")) == 0 and len(imitated) == 1
+    masks = ["--mask", str(photographs / "masks")]
+    assert main(command(photographs, out, "--lamp", "flash", *masks)) == 0 and len(imitated) == 1
     (tmp_path / "capture").rename(tmp_path / "second")
     capsys.readouterr()
     assert main(command(photographs, out, "--lamp", "flash", "--coefficients", "2")) == 2

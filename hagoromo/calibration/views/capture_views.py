@@ -40,6 +40,7 @@ from hagoromo.photograph.pixels import default_channels
 from hagoromo.photograph.session import Masks
 from hagoromo.photograph.shot import ShotReader
 from hagoromo.progress import Progress, part_of, silent
+from hagoromo.version import __version__
 
 WORK = ".views"  # what is added to the name of the capture, for the folder of COLMAP's model
 KEY = "hagoromo_key"  # file of that folder: what it was made of
@@ -105,12 +106,7 @@ def capture_views(
             "the lamps are stated in metres, and nothing gives the photographs a scale: add a length (--length), a "
             "board (--board) or a ball (--ball)"
         )
-    if developing.transfer == ESTIMATE:
-        raise InputError("the transfer curve of many views is not estimated: state linear, srgb or a CSV (--transfer)")
-    given = view_photographs(photographs, masks, developing.exposures_s, developing.iso)
-    first = given.paths[given.names[0]]
-    if first.suffix.lower() != ".exr":
-        read_frame(first, developing.stated)  # what cannot be developed is refused before the long search
+    given = _given(photographs, masks, developing)
     if response is not None and not isinstance(response, Response):
         response = Response.load(response)
     lens = _lens(given, read_camera(camera) if isinstance(camera, (str, Path)) else camera)
@@ -131,6 +127,17 @@ def capture_views(
         write_json(home / RESIDUALS, _record(found, size, settings))
         _write_points(found, home / POINTS)
     return CapturedViews(out, work, found, size, assumptions, _remarks(found))
+
+
+def _given(photographs: Sequence[str | Path], masks: Masks, developing: Developing) -> ViewPhotographs:
+    """The photographs; what cannot be developed is refused before the long search."""
+    if developing.transfer == ESTIMATE:
+        raise InputError("the transfer curve of many views is not estimated: state linear, srgb or a CSV (--transfer)")
+    given = view_photographs(photographs, masks, developing.exposures_s, developing.iso)
+    first = given.paths[given.names[0]]
+    if first.suffix.lower() != ".exr":
+        read_frame(first, developing.stated)
+    return given
 
 
 def _lens(given: ViewPhotographs, camera: Camera | None) -> Lens:
@@ -156,8 +163,15 @@ def _structure(
         )
     camera = lens.camera
     known = None if camera is None else [*camera.focal, *camera.principal, *camera.distortion]
-    files = {name: [given.contents[name], _digest(given.masks.get(name))] for name in given.names}
-    made_of = {"files": files, "settings": asdict(settings), "lens": known, "auto": given.auto}
+    masks = {name: content(path) for name, path in given.masks.items()} if settings.turntable else {}
+    files = {name: [given.contents[name], masks.get(name)] for name in given.names}
+    made_of = {
+        "version": __version__,
+        "files": files,
+        "settings": asdict(settings),
+        "lens": known,
+        "auto": settings.turntable and given.auto,
+    }
     key = hashlib.sha256(json.dumps(made_of, sort_keys=True).encode()).hexdigest()
     if not force and (work / KEY).is_file() and existing_file(work / KEY).read_text(encoding="utf-8") == key:
         return read_structure(work, given.names, lens)
@@ -172,10 +186,6 @@ def _structure(
         reconstruct(pictures, given.names, lens, settings, partial, progress)
         write_text(partial / KEY, key)
     return read_structure(work, given.names, lens)
-
-
-def _digest(path: Path | None) -> str | None:
-    return None if path is None else content(path)
 
 
 def _sized(

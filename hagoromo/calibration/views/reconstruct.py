@@ -29,18 +29,17 @@ from hagoromo.progress import Progress, part_of
 LEAST_VIEWS = 3
 LENSES = {0: "SIMPLE_PINHOLE", 1: "SIMPLE_RADIAL", 2: "RADIAL"}  # fitted coefficients of distortion → COLMAP's model
 FOCAL_GUESS = 1.2  # focal length over the longer side where the photographs do not state it, COLMAP's own
-FAINTEST = 0.002  # contrast of a feature; COLMAP's own, 0.0067, leaves too few on smooth matter
+FAINTEST, FAINTEST_IF_THOROUGH = 0.004, 0.002  # contrast of a feature; COLMAP's own is 0.0067
 MOST_FEATURES = 4096  # of a picture, the coarsest first
-SHAPED = True
-GUIDED = True
+SMALL_MODEL = 10  # cameras; fewer are given up for another start, if there are twice as many photographs
 ALL_PAIRS = 120  # photographs up to which all pairs are matched
 NEIGHBOURS = 40  # of more, each is matched with so many that follow it by name, around the end
 BEGIN = 0.05  # of the progress at which the pictures are written
 SHARES = (0.4, 0.85)  # of the progress at which features and matches are done
 FEATURES = "features.db"
 ADVICE = (
-    "take them 5 to 15° apart, sharp, of an object with details; with an object on a turntable, add turntable "
-    "(--turntable) and masks"
+    "take them 5 to 15° apart, sharp, of an object with details; try thorough (--thorough); with an object on a "
+    "turntable, add turntable (--turntable) and masks"
 )
 Pictures = Callable[[int], tuple[NDArray[np.uint8], NDArray[np.bool_] | None]]
 
@@ -50,12 +49,15 @@ class ViewsSettings:
     """How cameras are found.
 
     turntable: the object turned before a camera that stood still, so only points on its mask are used. coefficients:
-    of radial distortion that are fitted, 0 to 2 (k1, k2). largest: longer side of the pictures in which points are
-    sought [px]. seed: of all that chance decides.
+    of radial distortion that are fitted, 0 to 2 (k1, k2). thorough: fainter points are taken, too, and compared as they
+    look from other sides (affine shape, many scales, matches guided by the first ones): some five times the work, for
+    smooth matter such as plaster. largest: longer side of the pictures in which points are sought [px]. seed: of all
+    that chance decides.
     """
 
     turntable: bool = False
     coefficients: Literal[0, 1, 2] = 1
+    thorough: bool = False
     largest: int = 1600
     seed: int = 0
 
@@ -131,7 +133,7 @@ def read_structure(folder: Path, photographs: Sequence[str], lens: Lens) -> Stru
         at = np.array([one.xy for one in seen]).reshape(-1, 2)
         at *= np.array(lens.size) / (image.camera.width, image.camera.height)
         sightings[name] = Sightings(np.array([index[one.point3D_id] for one in seen], np.int64), at)
-    why = "it shares too few points with the others"
+    why = "it shares too few points with the others; thorough (--thorough) finds more"
     found = Structure(views, points, sightings, {name: why for name in photographs if name not in views})
     known = lens.camera is not None
     return found if known else replace(found, lens_error=_lens_error(model, lens, found.rms_of_all))
@@ -200,8 +202,10 @@ class _Search:
         reader.camera_params = ",".join(f"{figure:.17g}" for figure in figures)
         reader.default_focal_length_factor = FOCAL_GUESS
         extraction.use_gpu, extraction.num_threads = False, 1
-        extraction.sift.peak_threshold, extraction.sift.max_num_features = FAINTEST, MOST_FEATURES
-        extraction.sift.estimate_affine_shape = extraction.sift.domain_size_pooling = SHAPED
+        thorough = self.settings.thorough
+        extraction.sift.peak_threshold = FAINTEST_IF_THOROUGH if thorough else FAINTEST
+        extraction.sift.max_num_features = MOST_FEATURES
+        extraction.sift.estimate_affine_shape = extraction.sift.domain_size_pooling = thorough
         if any((self.work / "masks").iterdir()):
             reader.mask_path = self.work / "masks"
         if not self.base.exists():
@@ -219,7 +223,7 @@ class _Search:
         package, pairs = self.package, pairs_of(len(self.names))
         matching, pairing = package.FeatureMatchingOptions(), package.ImportedPairingOptions()
         geometry = package.TwoViewGeometryOptions()
-        matching.use_gpu, matching.num_threads, matching.guided_matching = False, 1, GUIDED
+        matching.use_gpu, matching.num_threads, matching.guided_matching = False, 1, self.settings.thorough
         geometry.ransac.random_seed, geometry.ransac.num_threads = self.settings.seed, 1
         pairing.match_list_path = self.work / "pairs.txt"
         partners: dict[int, list[int]] = {}
@@ -266,7 +270,9 @@ class _Search:
 
     def _mapping(self) -> Any:
         options, fitted = self.package.IncrementalPipelineOptions(), self.lens.camera is None
-        options.min_model_size, options.num_threads, options.random_seed = LEAST_VIEWS, 1, self.settings.seed
+        options.num_threads, options.random_seed = 1, self.settings.seed
+        # a first pair that leads to few cameras only is given up, and another one tried
+        options.min_model_size = max(LEAST_VIEWS, min(SMALL_MODEL, len(self.names) // 2))
         options.mapper.num_threads, options.mapper.random_seed = 1, self.settings.seed
         options.triangulation.random_seed = self.settings.seed
         options.extract_colors = False
