@@ -198,8 +198,9 @@ def test_gloss_that_is_not_determined_has_no_view():
 
 def test_pixels_without_measured_gloss_are_grey_in_its_views(browser, tmp_path):
     _, measurement = ball(far=True)
-    vague = replace(measurement.materials[1], identifiable=dict(measurement.materials[1].identifiable) | {"gamma": False})
-    publish(replace(measurement, materials=(measurement.materials[0], vague)), tmp_path / "page.html")
+    first, second = measurement.materials
+    vague = replace(second, identifiable=dict(second.identifiable) | {"gamma": False})
+    publish(replace(measurement, materials=(first, vague)), tmp_path / "page.html")
     opened = Opened(browser, tmp_path / "page.html")
     for label in ("Gloss: width", "Gloss: strength", "Error: gloss"):
         opened.page.get_by_role("button", name=label).click()
