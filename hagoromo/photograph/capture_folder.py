@@ -131,6 +131,7 @@ def _write_frame(
 def _write_transforms(
     asked: Session, frames: list[dict[str, Any]], lamps: dict[str, int], home: Path, masked: bool
 ) -> None:
+    frames = [asked.exif.without_unstated(frame) for frame in frames]
     shared = shared_keys(frames)
     if asked.response is not None:
         shared["sensor"] = {**shared.get("sensor", {}), "response": write_response(asked.response, home)}
