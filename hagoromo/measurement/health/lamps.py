@@ -27,6 +27,7 @@ EXPLAINED = 0.85  # misfit with strengths over that without, from which they are
 # A lamp is off that is so far from where it is stated, and whose photograph then fits so much better. Lamps that are
 # read from a chrome ball are uncertain by 1° to 3°.
 OFF_DEG, OWN_MISFIT = 4.0, 0.6
+FEWEST_READINGS = 20  # of a photograph, by which its lamp is fitted
 MOST_OFF = 3  # lamps that are named
 
 
@@ -75,7 +76,7 @@ def _strengths(few: Shading, power: float) -> FittedLamps:
         even = replace(few, values=few.values / np.exp(log_strength)[:, None])
         _, g = even.fit()
         length = np.linalg.norm([_lamp(v, u, g) for v, u in zip(even.values, even.usable, strict=True)], axis=1)
-        step = np.log(np.maximum(length, 1e-3))
+        step = np.where(few.usable.sum(axis=1) < FEWEST_READINGS, 0.0, np.log(np.maximum(length, 1e-3)))
         step -= np.median(step)
         log_strength = log_strength + 1.5 * step
         if np.abs(step).max() < SETTLED:
@@ -96,7 +97,8 @@ def _directions(shading: Shading) -> Array:
             others[k] = False
             _, g = replace(shading, usable=others).fit()
         found.append(_lamp(shading.values[k], shading.usable[k], g))
-    lamps = np.array(found)
+    few = shading.usable.sum(axis=1, keepdims=True) < FEWEST_READINGS
+    lamps = np.where(few, shading.to_lamp, np.array(found))
     return lamps / np.maximum(np.linalg.norm(lamps, axis=1, keepdims=True), 1e-300)
 
 

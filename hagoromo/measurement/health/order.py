@@ -92,7 +92,7 @@ def _shape_fault(shading: Shading, to_lamp: Array) -> float:
     curl = np.abs(down[..., 0] - across[..., 1])
     size = np.abs(down).sum(axis=2) + np.abs(across).sum(axis=2)
     known = np.isfinite(curl) & np.isfinite(size)
-    turned = float(np.sqrt(np.mean(curl[known] ** 2) / np.mean(size[known] ** 2))) if known.sum() > 20 else 0.0
+    turned = float(np.sqrt(np.mean(curl[known] ** 2) / np.mean(size[known] ** 2))) if size[known].any() else 0.0
     edge = np.linalg.norm(shading.outline, axis=1) > 0.5
     if edge.sum() < 10:
         return turned

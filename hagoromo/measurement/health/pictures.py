@@ -85,6 +85,8 @@ def mask_check(capture: Capture) -> Check:
         return not_testable("mask", "photographs of several views")
     mask = np.sum([shot.mask for shot in shots], axis=0) >= 0.5 * len(shots)
     mask = _filled(mask)
+    if not mask.any():
+        return not_testable("mask", "no pixel is valid in half of the photographs")
     distance: Any = distance_transform_edt(mask)
     outside: Any = distance_transform_edt(~mask)
     signed = np.where(mask, distance - 0.5, 0.5 - outside)
@@ -101,7 +103,7 @@ def mask_check(capture: Capture) -> Check:
         return not_testable("mask", "the photographs have nothing outside of it")
     places = np.arange(-REACH, REACH + 1)
     bins = np.rint(signed[near]).astype(int)
-    profile = np.array([np.median(contrast[near][bins == k]) for k in places])
+    profile = np.array([np.median(contrast[near][bins == k]) if (bins == k).any() else 0.0 for k in places])
     if profile.max() < max(PROMINENT * np.median(profile), LEAST_CONTRAST):
         return not_testable("mask", "no edge of the object is seen near its end")
     off = int(places[np.argmax(profile)])

@@ -65,7 +65,7 @@ class Shading:
 def loss(residual: Array, usable: NDArray[np.bool_]) -> float:
     """Mean of Huber's loss."""
     each = np.where(residual < OUTLIER, 0.5 * residual**2, OUTLIER * (residual - 0.5 * OUTLIER))
-    return float(each[usable].mean())
+    return float(each[usable].mean()) if usable.any() else 0.0
 
 
 def shading_of(capture: Capture) -> Shading | str:
