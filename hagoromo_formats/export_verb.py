@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -10,6 +11,9 @@ from tyro.conf import Positional, arg
 import hagoromo as hg
 from hagoromo.app.progress_bar import progress_bar
 from hagoromo.app.verb import Force, Out, say, verb, verbs, wrote
+from hagoromo.files.names import printable
+
+SOME_REFUSED = 2  # exit status
 
 
 @verb(verbs)
@@ -19,19 +23,24 @@ def export(
     out: Out,
     capture: Path | None = None,
     force: Force = False,
-) -> None:
+) -> int | None:
     """Measured object → files that other programs read; export.json and the output say what each of them loses.
 
     Args:
         measured: folder that `measure` wrote.
-        to: formats: png, tiff, exr (normals, albedo, roughness, depth); glb, ply (mesh); ptm, hsh, relight (relightable
-            images); csv (spectra); materialx.
+        to: formats: png, tiff, exr (normals, albedo, roughness, depth); glb, ply (mesh); relightable images: ptm, hsh
+            (object.rti), rti (both of these), relight (OpenLIME); csv (spectra); materialx. One that cannot be written
+            is named, the others are written, and the exit status is 2.
         capture: folder that was measured, for a measurement of version 0.2.
     """
     with progress_bar("export") as progress:
         record = hg.export(measured, to, out, capture=capture, force=force, progress=progress)
     for name, loss in record["formats"].items():
-        error = loss.get("rms_error_before_quantisation")
-        say(f"{name}: lost: {loss['lost']}" + ("" if error is None else f"; rms error {100 * error:.1f} % of white"))
+        error, file = loss.get("rms_error_before_quantisation"), loss.get("file")
+        head = name if file is None else f"{name} ({file})"
+        say(f"{head}: lost: {loss['lost']}" + ("" if error is None else f"; rms error {100 * error:.1f} % of white"))
         say(*(f"{name}: lost of {each}" for each in loss["lost_of_materials"]))
     wrote(out / "export.json")
+    for why in record["refused"].values():
+        print(f"hagoromo: not written: {printable(why)}", file=sys.stderr)
+    return SOME_REFUSED if record["refused"] else None

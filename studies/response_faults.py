@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 import hagoromo as hg
 from hagoromo.calibration.response.calibrate_response import overlap_matrix, solve_response
-from hagoromo.calibration.response.chart_falloff import ChartReadings, falloff
+from hagoromo.calibration.response.chart_falloff import ChartReadings, falloff, share_of_light
 from studies.response_bench import (
     CURVE_WAVELENGTHS,
     LEAST_PEAK_SHARE,
@@ -193,7 +193,8 @@ def calibrated(case: Case, readings: Array, camera: hg.Response) -> hg.ResponseC
     said: tuple[str, ...] = ()
     if case.falloff_fitted:
         chart = ChartReadings(CURVE_WAVELENGTHS, matrix, given, lamps, np.arange(len(lamps)) % 24)
-        share = falloff(chart, {channel: priors(channel, CURVE_WAVELENGTHS) for channel in given})
+        uneven = falloff(chart, {channel: priors(channel, CURVE_WAVELENGTHS) for channel in given})
+        share = share_of_light(chart, uneven)
         given = chart.divided(share).readings
         said = ("the light falls off",) if np.ptp(share) > 0.0 else ()
     found = solve_response(CURVE_WAVELENGTHS, matrix, given, priors, lamps if case.lamps_known else None)

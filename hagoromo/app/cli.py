@@ -236,6 +236,8 @@ def measure(
         )  # fmt: skip
         measurement.write_into(home)
         hg.write_measure_report(home / "report.html", measurement)
+    if measurement.health is not None:
+        say(*(check.sentence for check in measurement.health.checks))
     for material in measurement.materials:
         names = [name for name, identifiable in material.identifiable.items() if identifiable]
         tails = "" if math.isinf(material.nu) else f", facets with tails of nu = {material.nu:.3g}"

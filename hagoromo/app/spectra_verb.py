@@ -37,7 +37,9 @@ def spectra(
     """Photographs of one view, with a chart or a white → reflectance spectra of marked regions with 95 % bands.
 
     Writes spectra.png (plot), spectra.csv, spectra.json (with covariance, colours, ΔE00, evidence of the priors) and
-    with --whole-image spectra.exr. Regions whose readings no likely reflectance explains are named and flagged.
+    with --whole-image spectra.exr. What a chart shows to be wrong with the photographs (clipped, not linear in light,
+    off in the dark, unevenly lit, lamps in the wrong order) is said and, where it can be, corrected. Regions whose
+    readings no likely reflectance explains are named and flagged.
 
     Args:
         photographs: linear photographs from one place, one per lamp: developed EXR, or 16-bit PNG or TIFF.
@@ -84,6 +86,7 @@ def spectra(
         write_spectra(home, found, under_lamps, reference)
     for name, mean, half, likely, within in hg.spectra_table(found.estimates):
         say(f"{name}: mean reflectance {mean}, band up to ±{half}, {likely}, colour to ΔE00 {within} (D65, 95 %)")
+    say(*found.remarks)
     for name, estimate in found.estimates.items():
         say(*(f"{name}: {remark}" for remark in estimate.remarks()))
     wrote(out / "spectra.png", out / "spectra.csv", out / "spectra.json")

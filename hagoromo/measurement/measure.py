@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from hagoromo.cluster.cluster import Workers, here_or_on
 from hagoromo.errors import InputError
+from hagoromo.measurement.health.examine import Examined, examine
 from hagoromo.measurement.known_shape import SEED, measure_known_shape, terms_of_known_shape, with_separation
 from hagoromo.measurement.lamp_departure import fitted_rig, lamp_departure
 from hagoromo.measurement.material.body_map import BodyMap
@@ -29,7 +30,7 @@ from hagoromo.measurement.normals.gloss_choice import GlossModel
 from hagoromo.measurement.normals.gloss_estimate import measurement_of, solved_gloss_map
 from hagoromo.measurement.normals.normal_profile import terms_of_unknown_shape, with_term_errors
 from hagoromo.measurement.normals.normals import NormalMap
-from hagoromo.measurement.photograph_checks import linearity_of, moved, why_not_tested
+from hagoromo.measurement.photograph_checks import moved
 from hagoromo.measurement.photometric.term import CaptureTerms, Term
 from hagoromo.measurement.photometric.terms import terms_named
 from hagoromo.measurement.surface.depth import DepthSurface
@@ -179,11 +180,20 @@ def _measured_whole(capture: Capture, wanted: Wanted, where: Where, progress: Pr
     """The measurement of a capture in memory, whose lamps are even."""
     if where.scheduler is not None:
         warnings.warn("the capture is measured here: only large ones of unknown shape have tiles", stacklevel=3)
-    _warn_of_motion(capture)
+    shifts = _warn_of_motion(capture)
     if capture.points is not None and capture.normals is not None:
-        return _of_known_shape(capture, wanted, progress)
+        return _with_health(_of_known_shape(capture, wanted, progress), examine(capture, shifts))
     away = _distance(capture.photographs[0], where.distance, wanted)
-    return _of_unknown_shape(capture, wanted, away, progress)
+    if any(lamp.to_lamp is None for shot in capture.photographs for lamp in shot.lamps):
+        measured = _of_unknown_shape(capture, wanted, away, progress)
+        return _with_health(measured, examine(measured.capture or capture, shifts))
+    found = examine(capture, shifts)  # before the shape is solved: its lamps may be stronger than stated
+    return _with_health(_of_unknown_shape(found.with_strengths(capture), wanted, away, progress), found)
+
+
+def _with_health(measurement: Measurement, found: Examined) -> Measurement:
+    """The measurement with what was found of its photographs."""
+    return replace(measurement, health=found.health, linearity=found.exponent)
 
 
 def _of_known_shape(capture: Capture, wanted: Wanted, progress: Progress) -> Measurement:
@@ -256,8 +266,14 @@ def _assumed(measurement: Measurement) -> Measurement:
     capture = measurement.capture
     if capture is None:
         return measurement
-    found = linearity_of(capture)
-    said = why_not_tested(capture) if found is None else found.sentence
+    if measurement.health is None:
+        measurement = _with_health(measurement, examine(capture))
+    found = measurement.linearity
+    assert measurement.health is not None
+    transfer, order = (measurement.health[name] for name in ("transfer", "order"))
+    said = f"not tested: {transfer.said}" if found is None else found.sentence
+    if order.state == "doubtful":
+        warnings.warn(f"{order.said}: {order.advice}", stacklevel=3)
     if found is not None and found.contradicted:
         stated = capture.assumptions.get("transfer")
         warnings.warn(f"{said}{f' (transfer: {stated})' if stated else ''}: {found.advice}", stacklevel=3)
@@ -272,15 +288,18 @@ def _assumed(measurement: Measurement) -> Measurement:
             f"lamps evened by a rig measured on {', '.join(measurement.rig.sources) or 'something else'}; of its "
             f"differences in strength {measurement.rig_share:.2f} hold here"
         )
-    return replace(measurement, assumptions=taken, linearity=found, lamp_departure=departure)
+    return replace(measurement, assumptions=taken, lamp_departure=departure)
 
 
-def _warn_of_motion(capture: Capture) -> None:
-    for name, (x, y) in moved(capture.photographs).items():
+def _warn_of_motion(capture: Capture) -> dict[str, tuple[float, float]]:
+    """Shifts of the photographs, with a warning for each."""
+    shifts = moved(capture.photographs)
+    for name, (x, y) in shifts.items():
         warnings.warn(
             f"{name} is shifted by ({x:.1f}, {y:.1f}) px from the other photographs: take it again, or leave it out",
             stacklevel=4,
         )
+    return shifts
 
 
 def _distance(photograph: Photograph, distance: float | None, wanted: Wanted) -> float:

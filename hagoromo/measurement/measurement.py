@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from hagoromo.files.png import png_data_uri
 from hagoromo.files.whole import whole_folder
 from hagoromo.measurement.gloss.gloss_map import GlossMap
+from hagoromo.measurement.health.health import Health
 from hagoromo.measurement.lamp_departure import LampDeparture
 from hagoromo.measurement.material.body_map import BodyMap, Separation
 from hagoromo.measurement.photographed import Photographed, photographed
@@ -53,6 +54,7 @@ class Measurement:
     shape that was solved.
     settings: those of `measure`, and seed: of its random numbers. assumptions: what is taken for given, in words.
     linearity: the exponent that the shading asks of the values, 1 if they are linear in light; None: not tested.
+    health: what the photographs say of order, lamps, strengths, transfer, motion, blur, mask and calibration.
     lamp_departure: how far the lamps that a solved shape shows depart from the stated ones; None: they were not fitted.
     own_light: the light that a solved surface sends to itself; None where the shape was given.
     rig: the rig by which the photographs were evened, and rig_share: how much of the differences in strength that were
@@ -83,6 +85,7 @@ class Measurement:
     seed: int | None = None
     assumptions: Mapping[str, str] = field(default_factory=dict)
     linearity: Exponent | None = None
+    health: Health | None = None
     lamp_departure: LampDeparture | None = None
     photographed: Photographed | None = None
     own_light: OwnLight | None = None
@@ -120,7 +123,8 @@ class Measurement:
         errors) where gloss varies; variance.exr (normal, distance) where the shape was solved; body_spectra.json where
         lamp and response are known; separation_NN.exr and pictures of both parts; residual_NN.png: white within the
         noise, red brighter and blue darker than predicted, full colour at 5 standard deviations, grey unknown;
-        own_light.exr and own_light.json: the share of the light that a solved surface sends to itself;
+        own_light.exr and own_light.json: the share of the light that a solved surface sends to itself; health.json: the
+        checks of the photographs;
         camera.json, response.csv and lamps.json: what the photographs were taken with; rig.json: the rig;
         terms.json: what was estimated of all photographs together.
         """

@@ -17,6 +17,7 @@ from hagoromo.files.exr import read_exr, write_exr
 from hagoromo.files.png import read_png, write_png
 from hagoromo.files.record import ForeignRecord, about, decode, read_json, write_json, written_by
 from hagoromo.measurement.gloss.gloss_map import GLOSS_CHANNELS, TAIL_CHANNELS, gloss_from_channels, with_tails
+from hagoromo.measurement.health.health import Health
 from hagoromo.measurement.material.body_map import BodyMap, Separation, write_separation
 from hagoromo.measurement.material.body_spectra import read_body_spectra, write_body_spectra
 from hagoromo.measurement.measurement import Measurement
@@ -31,7 +32,7 @@ from hagoromo.reflectance.material.materials_file import MaterialRecord, read_ma
 FULL_COLOUR_DEVIATIONS = 5.0  # standard deviations at which the picture of a residual is fully red or blue
 VARIANCE_CHANNELS = ("normal", "distance")  # channels of variance.exr
 UNKNOWN_VARIANCE = np.finfo(np.float32).max  # stands in variance.exr for an infinite one; older files have infinity
-ASSUMPTIONS, RIG = "assumptions.json", "rig.json"
+ASSUMPTIONS, RIG, HEALTH = "assumptions.json", "rig.json", "health.json"
 Map = NDArray[np.floating]
 NAME = "terms.json"
 ERROR_PREFIX = "error."  # prefix of the channels of standard errors
@@ -46,6 +47,8 @@ def write_measurement(measurement: Measurement, home: Path) -> None:
         write_json(
             home / ASSUMPTIONS, {"hagoromo": written_by(), "assumptions": dict(measurement.assumptions), **found}
         )
+    if measurement.health is not None:
+        write_json(home / HEALTH, {"hagoromo": written_by(), **measurement.health.record()})
     write_terms(home, measurement.terms)
     if measurement.fine is None:
         variances = measurement.normal_variance, measurement.distance_variance
@@ -121,6 +124,7 @@ def read_measurement(home: Path) -> Measurement:
         distance_variance=variances[1],
         settings=writer.settings,
         assumptions=_read_assumptions(inside(home, ASSUMPTIONS)),
+        health=_read_health(inside(home, HEALTH)),
         seed=writer.seed,
         photographed=read_photographed(home),
         own_light=_read_own_light(home, surface),
@@ -166,6 +170,10 @@ def _read_assumptions(path: Path) -> dict[str, str]:
     if not isinstance(said, dict):
         raise InputError(f"{path} has no table of assumptions: measure the capture again")
     return {str(what): str(why) for what, why in said.items()}
+
+
+def _read_health(path: Path) -> Health | None:
+    return Health.from_record(read_json(path), str(path)) if path.is_file() else None
 
 
 def _read_body(home: Path, surface: MeasuredSurface) -> BodyMap | None:

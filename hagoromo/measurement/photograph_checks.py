@@ -20,15 +20,16 @@ from hagoromo.photograph.exponent import FEWEST_LAMPS, Exponent, exponent_of
 from hagoromo.photograph.photograph import Photograph
 
 MOST_SAMPLES = 20_000  # pixels that are read of each photograph
-MOVED_PX = 0.75  # [px of the compared picture] a larger shift means that the photograph moved
+MOVED_PX = 0.35  # [px of the compared picture] a larger shift means that the photograph moved
 COMPARED_PIXELS = 500_000  # largest number of pixels that are compared; larger photographs are binned
-EDGE_SCALE_PX, STRENGTH_SCALE_PX = 1.5, 8.0  # [px] scales of the compared edges, and of their local strength
+EDGE_SCALE_PX, STRENGTH_SCALE_PX = 1.0, 8.0  # [px] scales of the compared edges, and of their local strength
 FAINT_EDGE = 0.02  # strength (of the logarithm) below which edges are attributed to noise
 STEPS_PER_PIXEL = 10  # resolution of an estimated shift
 LEAST_SIGNAL = 5.0  # standard deviations of a compared pixel's noise from which it shows the scene
 LEAST_SHOWN = 0.01  # share of the pixels that must show the scene; a photograph nearly black says nothing of its shift
-CERTAIN_SHIFT = 6.0  # standard errors (of Fisher's z) by which the shift must raise the correlation
+CERTAIN_SHIFT = 4.0  # standard errors (of Fisher's z) by which the shift must raise the correlation
 INDEPENDENT = 1.0 / (4.0 * np.pi * EDGE_SCALE_PX**2)  # independent values per pixel of the compared edges
+ALIKE_PX, ALIKE_QUARTERS = 0.35, 3  # quarters of the picture that must be shifted as the whole, and how closely
 LEAST_CORRELATION = 0.2  # least correlation with the other photographs, after alignment, for a reliable shift
 
 
@@ -37,7 +38,7 @@ def linearity_of(capture: Capture) -> Exponent | None:
 
     Near lamps are tested where the capture has points, at which their direction and distance are taken.
     """
-    if _unfit(capture):
+    if unfit(capture):
         return None
     shots = capture.photographs
     rows, columns = np.nonzero(np.sum([shot.mask for shot in shots], axis=0) >= 0.5 * len(shots))
@@ -58,10 +59,10 @@ def linearity_of(capture: Capture) -> Exponent | None:
 
 def why_not_tested(capture: Capture) -> str:
     """Why `linearity_of` gave nothing, in words."""
-    return f"not tested: {_unfit(capture) or 'too few pixels that five lamps light'}"
+    return f"not tested: {unfit(capture) or 'too few pixels that five lamps light'}"
 
 
-def _unfit(capture: Capture) -> str:
+def unfit(capture: Capture) -> str:
     """What of the capture keeps its shading from telling; "" where nothing does."""
     shots = capture.photographs
     first = shots[0]
@@ -92,11 +93,16 @@ def _towards(shot: Photograph, points: NDArray[np.float64] | None) -> tuple[NDAr
 
 def _grey(shot: Photograph, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
     """(P,) mean over the channels of the value over the light of the lamp; NaN where it is invalid."""
+    grey = shot.values[rows, columns].astype(np.float64).sum(axis=1) / lamp_light(shot)
+    return np.where(shot.mask[rows, columns], grey, np.nan)
+
+
+def lamp_light(shot: Photograph) -> float:
+    """Sum over the channels of what a white reads of the light of its lamp."""
     lamp, channels = shot.lamps[0], shot.values.shape[2]
     white = np.ones(channels) if shot.camera.response is None else camera_white(lamp.spectrum, shot.camera.response)
     light = np.broadcast_to(np.asarray(lamp.intensity, np.float64) * white, channels)
-    grey = shot.values[rows, columns].astype(np.float64).sum(axis=1) / max(float(light.sum()), 1e-300)
-    return np.where(shot.mask[rows, columns], grey, np.nan)
+    return max(float(light.sum()), 1e-300)
 
 
 def moved(photographs: Sequence[Photograph]) -> dict[str, tuple[float, float]]:
@@ -122,13 +128,27 @@ def moved(photographs: Sequence[Photograph]) -> dict[str, tuple[float, float]]:
     for photograph, own in zip(photographs, marks, strict=True):
         others = (total - own) / (len(marks) - 1)
         rows, columns = phase_cross_correlation(others * window, own * window, upsample_factor=STEPS_PER_PIXEL)[0]
-        back = shift(own, (rows, columns), order=1, mode="nearest")
+        back = shift(own, (rows, columns), order=3, mode="nearest")
         still, shifted = (_correlation(others, p) for p in (own, back))
         gain = np.arctanh(min(shifted, 1.0 - 1e-9)) - np.arctanh(min(still, 1.0 - 1e-9))
         certain = gain * np.sqrt(INDEPENDENT * own.size) > CERTAIN_SHIFT
-        if np.hypot(rows, columns) > MOVED_PX and shifted > LEAST_CORRELATION and certain:
+        far = np.hypot(rows, columns) > MOVED_PX and shifted > LEAST_CORRELATION and certain
+        if far and _moves_as_a_whole(others, own, np.array([rows, columns])):
             shifts[photograph.name] = (-k * float(columns), -k * float(rows))
     return shifts
+
+
+def _moves_as_a_whole(others: NDArray, own: NDArray, moved_by: NDArray) -> bool:
+    """Whether three quarters of the picture or more are shifted alike. Shading that ends elsewhere is at one side."""
+    from skimage.registration import phase_cross_correlation
+
+    alike, (height, width) = 0, (n // 2 for n in own.shape)
+    window = np.outer(*(np.hanning(n + 2)[1:-1] for n in (height, width)))
+    for top, left in ((0, 0), (0, width), (height, 0), (height, width)):
+        part = np.s_[top : top + height, left : left + width]
+        found = phase_cross_correlation(others[part] * window, own[part] * window, upsample_factor=STEPS_PER_PIXEL)[0]
+        alike += bool(np.linalg.norm(found - moved_by) < ALIKE_PX)
+    return alike >= ALIKE_QUARTERS
 
 
 def _shows_scene(photograph: Photograph, k: int) -> bool:

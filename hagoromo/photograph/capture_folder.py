@@ -84,6 +84,7 @@ def write_capture(asked: Session, out: str | Path, force: bool = False, progress
         for picture, pixels in asked.pictures.items():
             write_png(home / picture, pixels)
         shared = {} if found is None else {"mask_path": OBJECT_MASK}
+        frames = [asked.exif.without_unstated(frame) for frame in frames]
         write_frames(home, frames, lamps, {**shared, "assumptions": asked.assumptions}, asked.response)
     remarks = (*asked.remarks, *lamp_remarks(asked.lamps, asked.view))
     named = {

@@ -148,6 +148,14 @@ def exponent_of(values: Array, to_lamp: Array) -> Exponent | None:
     return Exponent(float(np.exp(_least(total))), float(np.linalg.norm(parts)))
 
 
+def lambert_fit(values: Array, usable: NDArray[np.bool_], to_lamp: Array) -> tuple[Array, Array]:
+    """Residuals (K, P) of Lambert's law in errors of the model, 0 where not usable, and g (P, 3), normal times albedo.
+
+    values: (K, P) over the largest of their pixel, any number above 0 where not usable. to_lamp: (K, P, 3).
+    """
+    return _fit(values, usable, to_lamp, 1.0)
+
+
 def _chosen(values: Array, to_lamp: Array) -> tuple[Array, NDArray[np.bool_], Array]:
     """Values over the largest of their pixel, whether they count, and the directions (K, P, 3), of up to MOST_PIXELS
     pixels that enough lamps light.

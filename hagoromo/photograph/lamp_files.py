@@ -22,6 +22,7 @@ from hagoromo.photograph.transforms import LampRecord, lamp_from_record
 
 LP = ".lp"
 FITTED = (".rti", ".ptm", ".hsh")  # hold the coefficients of a fit and no lamps
+DOUBTFUL_DEG = 3.0  # standard error of a lamp's direction: normals are then about as wrong
 NAMES_SHOWN = 3  # of photographs or lamps, in a message
 
 
@@ -46,6 +47,25 @@ def load_lamps(path: str | Path) -> tuple[Lamp, ...]:
     if not listed:
         raise InputError(f"{path} lists no lamps: give the lamps.json of `hagoromo calibrate lamps`")
     return tuple(lamp_from_record(lamp, Path(path).parent, f"{path} lamp {i}") for i, lamp in enumerate(listed))
+
+
+def faults_of_lamps(path: str | Path) -> str:
+    """What the calibration in a lamps.json says against its lamps: fits that did not converge, directions hardly known.
+
+    "" where it says nothing against them, or is not there, as in an .lp.
+    """
+    record = read_json(path) if Path(path).suffix.lower() in ("", ".json") else None
+    if not isinstance(record, Mapping) or "lamps" not in record:
+        return ""
+    known = decode(record, LampsRecord, str(path))
+    ends = (known.object or {}).get("convergence")
+    open_ends = ends.items() if isinstance(ends, Mapping) else ()
+    unsettled = [str(name) for name, end in open_ends if isinstance(end, Mapping) and end.get("converged") is False]
+    errors = [one.get("standard_error_deg") for one in known.readings]
+    worst = max((error for error in errors if isinstance(error, (int, float))), default=0.0)
+    said = [f"their fit did not converge ({', '.join(unsettled)})"] if unsettled else []
+    said += [f"their directions are doubtful: known to {worst:.2g}° only"] if worst > DOUBTFUL_DEG else []
+    return "; ".join(said)
 
 
 def faces_up(path: str | Path) -> bool:

@@ -24,7 +24,7 @@ from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.photograph.developing import AS_IN_THE_FILES, Developing
 from hagoromo.photograph.development.undistort import Straightener
-from hagoromo.photograph.lamp_files import faces_up, lamp_of_each, load_lamps
+from hagoromo.photograph.lamp_files import faces_up, faults_of_lamps, lamp_of_each, load_lamps
 from hagoromo.photograph.object_mask import AUTO, ObjectMask, Thumbnails, object_mask
 from hagoromo.photograph.pixels import SUFFIXES, default_channels, read_mask
 from hagoromo.photograph.session_exif import SessionExif, session_exif
@@ -195,7 +195,8 @@ def session(
     lens = None if camera is None or flat else camera if isinstance(camera, Camera) else read_camera(camera)
     up = isinstance(lamps, (str, Path)) and faces_up(lamps)
     source = f"from {Path(lamps).name}" if isinstance(lamps, (str, Path)) else "as given"
-    assumptions = {"lamps": f"{len(lit)} {source}, matched {how}"}
+    faults = faults_of_lamps(lamps) if isinstance(lamps, (str, Path)) else ""
+    assumptions = {"lamps": f"{len(lit)} {source}, matched {how}{'; ' * bool(faults)}{faults}"}
     return Session(
         paths, lit, exif, lens, flat, up, response, shapes, auto, developing, straight, assumptions, excluded=excluded
     )

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from hagoromo.errors import InputError
 from hagoromo.files.exif import Exif, read_exif
@@ -17,11 +18,13 @@ from hagoromo.files.exr import read_header
 SAME = 5e-3  # largest relative difference of equal settings, which files round
 ONE_SETTING = (("focal_mm", "a focal length of {:g} mm"), ("f_number", "the aperture f/{:g}"))
 
+UNSTATED = {"exposure_s": 1.0, "iso": 100.0}  # what is computed with where nobody states it
+
 
 @dataclass(frozen=True)
 class SessionExif:
-    """exif: of each file. seconds, iso: of each photograph; 1 and 100 where no file states them. stated: whether any
-    does.
+    """exif: of each file. seconds, iso: of each photograph; UNSTATED where nobody states them. stated, states_iso:
+    whether exposure times and ISO are stated.
 
     focal_px: of developed EXR files, whose header has it.
     """
@@ -31,6 +34,12 @@ class SessionExif:
     iso: tuple[float, ...]
     stated: bool
     focal_px: float | None = None
+    states_iso: bool = False
+
+    def without_unstated(self, frame: dict[str, Any]) -> dict[str, Any]:
+        """An entry of transforms.json without the exposure time and the ISO that nobody stated."""
+        stated = {"exposure_s": self.stated, "iso": self.states_iso}
+        return {key: v for key, v in frame.items() if stated.get(key, True) or v != UNSTATED[key]}
 
     def focal_of(self, width: int) -> float | None:
         """Focal length [px] of pictures of `width` px; None where the files do not state it.
@@ -79,6 +88,7 @@ def session_exif(paths: Sequence[Path], seconds: Sequence[float] = (), iso: floa
         tuple(100.0 if exr else iso or one.iso or 100.0 for one, exr in zip(exif, developed, strict=True)),
         bool(known),
         _focal_of_developed(paths, developed),
+        iso is not None or any(one.iso is not None for one in exif),
     )
 
 

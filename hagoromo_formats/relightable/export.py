@@ -20,7 +20,7 @@ from hagoromo.progress import Progress, silent
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
 from hagoromo.reflectance.parameters import EVIDENCE, EXPORTS, PICTURES, PLANES, losses
 from hagoromo_formats.relightable.materialx import LOSS, write_materialx
-from hagoromo_formats.relightable.mesh import albedo_map, points, roughness, write_mesh
+from hagoromo_formats.relightable.mesh import albedo_map, roughness, triangles, write_mesh
 from hagoromo_formats.relightable.rti import BASES, WRITERS, fitted
 from hagoromo_page.publication.lit import Array, hemisphere, reflected, shown, white_level
 from hagoromo_page.publication.publish import page_source
@@ -29,6 +29,7 @@ from hagoromo_page.publication.surface_maps import SurfaceMaps
 LAMPS, TESTED = 60, 12  # directions that relightable formats are fitted to, and tested with
 FULL = 65535.0
 FORMATS = EXPORTS
+RTI = {"rti": ("hsh", "ptm")}  # what programs for RTI open: a word for both of their files
 # What every object loses; what its reflectances lose, by their parameters, is said by `losses`
 LOST = {
     "png": "normals, albedo, roughness and depth in 65535 steps; spectra are lost",
@@ -53,45 +54,64 @@ def export(
     """Write a measured object to the folder `out` in `formats`, of `FORMATS`; returns the record of export.json.
 
     measured: a `Measurement`, or its folder. capture: that was measured, where the measurement is of version 0.2.
+    `rti` stands for what programs for RTI open: hsh (object.rti) and ptm (object.ptm).
     Relightable formats are fitted to pictures of the object by its own reflectance under `LAMPS` far white lamps,
     without cast shadows; their error against `TESTED` others is in the record: root mean square, of display values 0…1.
-    `InputError` for an unknown format, or one that needs what was not measured.
+    A format that is unknown, or needs what was not measured, does not keep the others from being written: the record
+    says why under `refused`. `InputError` where none is left.
     """
-    unknown = [name for name in formats if name not in FORMATS]
-    if unknown or not formats:
-        raise InputError(f"no format is called {', '.join(unknown) or 'nothing'}: give some of {', '.join(FORMATS)}")
+    named = list(dict.fromkeys(one for name in formats for one in RTI.get(name, (name,))))
     source = measured if isinstance(measured, Measurement) else Measurement.load(measured)
     shots = capture if isinstance(capture, Capture) or capture is None else load_capture(capture)
     maps = page_source(source, shots).maps
-    if "csv" in formats and not source.body_spectra:
-        raise InputError("the measurement has no spectra: they need the lamp's spectrum and the camera's response")
-    if {"glb", "ply"} & set(formats):
-        points(maps)
-    record_of: dict[str, Any] = {name: _lost(name, source.materials) for name in formats}
+    refused = {name: why for name in named if (why := _refusal(name, source, maps))}
+    left = [name for name in named if name not in refused]
+    if not left:
+        raise InputError("; ".join(refused.values()) or f"no format was given: give some of {', '.join(FORMATS)}")
+    record = {
+        "formats": {name: _lost(name, source.materials) for name in left},
+        "refused": refused,
+        "axes": "x right, y up, z to the camera",
+        "lengths": "m" if maps.has_scale else "no scale is known: depths and meshes are not in metres",
+        "hagoromo": written_by(),
+    }
     with whole_folder(out, force) as home:
-        for name in formats:
-            if name in PLANES:
-                _write_planes(home, name, maps)
-        meshes = {name: home / f"object.{name}" for name in ("glb", "ply") if name in formats}
-        if meshes:
-            albedo = albedo_map(maps)
-            write_mesh(meshes, maps, shown(albedo, 1.0))
-        if "csv" in formats:
-            _write_spectra(home / "spectra.csv", source)
-        if "materialx" in formats:
-            write_materialx(home / "materials.mtlx", source.materials)
-        relightable = [name for name in formats if name in WRITERS]
-        if relightable:
-            for name, written in _write_relightable(home, relightable, maps, progress).items():
-                record_of[name] |= written
-        record = {
-            "formats": record_of,
-            "axes": "x right, y up, z to the camera",
-            "lengths": "m" if maps.has_scale else "no scale is known: depths and meshes are not in metres",
-            "hagoromo": written_by(),
-        }
+        for name, written in _write(home, left, source, maps, progress).items():
+            record["formats"][name] |= written
         write_json(home / "export.json", record)
     return record
+
+
+def _refusal(name: str, source: Measurement, maps: SurfaceMaps) -> str:
+    """Why a format cannot be written; "" where it can."""
+    if name not in FORMATS:
+        return f"no format is called {name}: give some of {', '.join((*FORMATS, *RTI))}"
+    if name == "csv" and not source.body_spectra:
+        return "csv: the measurement has no spectra: they need the lamp's spectrum and the camera's response"
+    if name in ("glb", "ply"):
+        try:
+            triangles(maps)
+        except InputError as error:
+            return f"{name}: {error}"
+    return ""
+
+
+def _write(
+    home: Path, names: Sequence[str], source: Measurement, maps: SurfaceMaps, progress: Progress
+) -> dict[str, Any]:
+    """Write the formats; gives what the record says of them beside their losses."""
+    for name in names:
+        if name in PLANES:
+            _write_planes(home, name, maps)
+    meshes = {name: home / f"object.{name}" for name in ("glb", "ply") if name in names}
+    if meshes:
+        write_mesh(meshes, maps, shown(albedo_map(maps), 1.0))
+    if "csv" in names:
+        _write_spectra(home / "spectra.csv", source)
+    if "materialx" in names:
+        write_materialx(home / "materials.mtlx", source.materials)
+    relightable = [name for name in names if name in WRITERS]
+    return _write_relightable(home, relightable, maps, progress) if relightable else {}
 
 
 def _lost(form: str, materials: Sequence[MaterialEstimate]) -> dict[str, Any]:

@@ -25,6 +25,15 @@ def points(maps: SurfaceMaps) -> Array:
     return -rays_to_eye(maps) * maps.depth[..., None]
 
 
+def triangles(maps: SurfaceMaps) -> tuple[Array, Array]:
+    """`points`, and the faces (n, 3) between them, indices of known pixels; `InputError` where there is none."""
+    place, known = points(maps), maps.known
+    faces = _faces(np.where(known, np.cumsum(known).reshape(known.shape) - 1, -1), place)
+    if not len(faces):
+        raise InputError("the measured surface has no two neighbouring pixels: there is no mesh to export")
+    return place, faces
+
+
 def write_mesh(paths: dict[str, Path], maps: SurfaceMaps, albedo: Array) -> None:
     """Write `paths` ("glb", "ply") of the surface. albedo: (h, w, 3) display values 0…1, the texture."""
     import trimesh
@@ -32,11 +41,8 @@ def write_mesh(paths: dict[str, Path], maps: SurfaceMaps, albedo: Array) -> None
     from trimesh.visual import TextureVisuals
     from trimesh.visual.material import PBRMaterial
 
-    place, known = points(maps), maps.known
-    number = np.where(known, np.cumsum(known).reshape(known.shape) - 1, -1)
-    faces = _faces(number, place)
-    if not len(faces):
-        raise InputError("the measured surface has no two neighbouring pixels: there is no mesh to export")
+    place, faces = triangles(maps)
+    known = maps.known
     height, width = known.shape
     rows, columns = np.nonzero(known)
     texture = np.rint(255.0 * np.clip(albedo, 0.0, 1.0)).astype(np.uint8)

@@ -25,7 +25,7 @@ from hagoromo_page.publication.colours import PageColours, page_colours
 from hagoromo_page.publication.document import Viewer, overhead
 from hagoromo_page.publication.page_lamps import PageLamp, jpeg_text, middle_of, page_lamp, photograph_picture
 from hagoromo_page.publication.planes import PackedPlanes, pack_planes
-from hagoromo_page.publication.quantised import Quantised, quantised, scale_of
+from hagoromo_page.publication.quantised import ERROR_ENDS, Quantised, quantised, scale_of
 from hagoromo_page.publication.surface_maps import FLIP, SurfaceMaps
 
 LONGEST_SIDE = 4096  # px, of a texture that every browser takes
@@ -40,6 +40,7 @@ ENTRIES: dict[str, Callable[[MaterialEstimate], Any]] = {
     **{key: attrgetter(key) for key in ("beta", "gamma", "n", *FITTED_BODY_LAW)},
     "tail": lambda one: 1.0 / one.nu,
     "lobes": lambda one: [list(lobe) for lobe in one.all_lobes(1.0, 1.0)[1:]],  # in β and γ of the first one
+    "grey": lambda one: not has_measured_gloss(one),  # in views of the gloss
 }
 LEAST_BYTES = 5000  # of a picture
 GENTLE = 0.97  # how much more than needed a picture is reduced
@@ -177,10 +178,15 @@ def _own_assumptions(maps: SurfaceMaps, colours: PageColours) -> list[str]:
             "the lamps is not known. With both, other lamps and the eye could be chosen."
         )
     said += [f"Left out: {loss}." for loss in (*losses("page", maps.materials), EVIDENCE)]
-    vague = [one.name for one in maps.materials if one.beta > 0.0 and not one.identifiable.get("gamma", True)]
+    vague = [one.name for one in maps.materials if one.beta > 0.0 and not has_measured_gloss(one)]
     if vague:
         said.append(f"The highlight is not determined by the photographs, and shown as they allow: {', '.join(vague)}.")
     return said
+
+
+def has_measured_gloss(material: MaterialEstimate) -> bool:
+    """Whether the photographs determine a highlight of the material."""
+    return material.beta > 0.0 and material.identifiable.get("gamma", True)
 
 
 def common_spectrum(lamps: Sequence[Lamp]) -> Spectrum | None:
@@ -283,21 +289,33 @@ def page_views(maps: SurfaceMaps, scales: dict[str, Any]) -> tuple[list[dict[str
         "gamma": _widened(scales.get("gamma") or _span([one.gamma for one in glossy])),
         "peak": _peaks(maps, scales),
     }
-    if glossy or "gamma" in scales:
+    without = [one.name for one in maps.materials if not has_measured_gloss(one)]
+    has_gloss = len(without) < len(maps.materials)
+    grey = f"Grey: no highlight is determined by the photographs ({', '.join(without)})." if without else ""
+    of_gloss = {"gloss": True} | ({"note": grey} if grey else {})
+    if has_gloss:
         which = " of the first lobe" if any(one.lobes for one in maps.materials) else ""
         low, high = (f"{math.degrees(one):.2g}°" for one in legend["gamma"])
-        views.append(_scaled("Gloss: width", 3, low, f"half width of the highlight γ{which}", high))
+        views.append(_scaled("Gloss: width", 3, low, f"half width of the highlight γ{which}", high) | of_gloss)
         low, high = (f"{one:.2g}" for one in legend["peak"])
-        views.append(_scaled("Gloss: strength", 4, low, f"peak of the highlight β F₀{which} [1/sr]", high))
+        views.append(_scaled("Gloss: strength", 4, low, f"peak of the highlight β F₀{which} [1/sr]", high) | of_gloss)
     if "normal_error" in scales:
-        low, high = (f"{math.degrees(one):.2g}°" for one in scales["normal_error"])
-        views.append(_scaled("Error: normal", 5, low, "standard error of the normal", high) | {"error": "normal_error"})
-    key, what = ("gloss_error", "gloss") if "gloss_error" in scales else ("body_error", "colour")
+        ends = [f"{math.degrees(one):.2g}°" for one in scales["normal_error"]]
+        views.append(_of_error("Error: normal", 5, ends, "standard error of the normal", "normal_error"))
+    key, what = ("gloss_error", "gloss") if has_gloss and "gloss_error" in scales else ("body_error", "colour")
     if key in scales:
-        low, high = (f"{100 * one:.2g} %" for one in scales[key])
-        quantity = "of γ" if key == "gloss_error" else "of the body colour"
-        views.append(_scaled(f"Error: {what}", 6, low, f"relative standard error {quantity}", high) | {"error": key})
+        ends = [f"{100 * one:.2g} %" for one in scales[key]]
+        quantity = "of γ" if what == "gloss" else "of the body colour"
+        view = _of_error(f"Error: {what}", 6, ends, f"relative standard error {quantity}", key)
+        views.append(view | of_gloss if what == "gloss" else view)
     return views, legend
+
+
+def _of_error(label: str, number: int, ends: Sequence[str], unit: str, key: str) -> dict[str, Any]:
+    """A view of standard errors, whose scale leaves out a few pixels at each end."""
+    low, high = ends
+    share = f"{ERROR_ENDS[0]:g} % of the pixels lie beyond each end"
+    return _scaled(label, number, f"≤ {low}", f"{unit}; {share}", f"≥ {high}") | {"error": key}
 
 
 def _peaks(maps: SurfaceMaps, scales: dict[str, Any]) -> list[float]:

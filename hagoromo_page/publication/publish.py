@@ -111,6 +111,8 @@ def page_source(measurement: Measurement, capture: Capture | None, name: str = "
     fitting = [] if shots is None else [one for one in shots.photographs if one.values.shape[:2] == (height, width)]
     assumed = measurement.assumptions.items()
     assumptions = tuple(f"{what.capitalize()}: {said.removesuffix('.')}." for what, said in assumed)
+    if measurement.health is not None:
+        assumptions += tuple(f"Doubtful: {one.name}: {one.said}." for one in measurement.health.doubtful)
     return PageSource(maps, taken, tuple(chosen(fitting, MOST_PHOTOGRAPHS)), assumptions)
 
 

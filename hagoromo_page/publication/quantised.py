@@ -21,6 +21,7 @@ STRETCH = 1.8  # largest angle [rad] that half a step of an octahedral normal tu
 LEAST_BITS, MOST_BITS = 14, 16  # of a normal; at the terminator sRGB is 13 times as steep as in the light
 BODY_BITS, GLOSS_BITS, TAIL_BITS, ERROR_BITS = 10, 12, 8, 8
 LEAST_ERROR = 1e-5  # of the logarithmic scales of errors
+ERROR_ENDS = (1.0, 99.0)  # % of the pixels whose errors are below each end of a scale: few wild ones do not stretch it
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +90,8 @@ def scale_of(maps: SurfaceMaps) -> dict[str, Any]:
     for name in ("normal_error", "body_error", "gloss_error"):
         values = getattr(maps, name)
         if values is not None and (values[known] > 0.0).any():
-            scales[name] = _log_range(np.maximum(values[known][values[known] > 0.0], LEAST_ERROR))
+            stated = np.maximum(values[known][values[known] > 0.0], LEAST_ERROR)
+            scales[name] = _log_range(np.percentile(stated, ERROR_ENDS))
     return scales
 
 

@@ -20,6 +20,7 @@ from hagoromo.reflectance.material.material_estimate import MaterialEstimate
 FLIP = np.diag([1.0, -1.0, -1.0])  # OpenCV's camera axes ↔ the page's
 MAPS = ("labels", "normals", "body", "depth", "beta", "gamma", "tail", "normal_error", "body_error", "gloss_error")
 MARGIN_PX = 2  # px around the object
+LEAST_KNOWN = np.pi / 2  # rad: a larger error of a direction says no more than that nothing is known of it
 Map = NDArray[np.float64]
 
 
@@ -29,7 +30,7 @@ class SurfaceMaps:
 
     labels: index into materials, −1 unknown. normals: (h, w, 3) unit, page's axes. body: (h, w, C) α c_b [1/sr].
     depth: distance along the optical axis [m]. beta [1/sr], gamma [rad], tail 1/ν: where gloss is known per pixel, and
-    the tail where it varies. normal_error: standard deviation of the direction of the normal [rad]. body_error:
+    the tail where it varies. normal_error: standard deviation of the normal's direction, ≤ π/2 [rad]. body_error:
     relative standard error of the body colour. gloss_error: relative standard error of γ. Each of these is None where
     it is not known, and 0 at unknown pixels.
     has_scale: whether metres are metres. x, y: place of the first pixel in the photograph [px].
@@ -139,9 +140,7 @@ def surface_maps(measurement: Measurement, camera: Camera, name: str, has_scale:
         beta=filled("beta"),
         gamma=filled("gamma"),
         tail=None if gloss is None else _tail(gloss.nu, measurement.materials, labels),
-        normal_error=None
-        if variance is None
-        else np.sqrt(np.clip(np.where(np.isfinite(variance), variance, 0), 0, None)),
+        normal_error=None if variance is None else np.where(labels >= 0, _angle_error(variance), 0.0),
         body_error=None if errors is None else _relative(errors, body),
         gloss_error=None if gloss is None else np.nan_to_num(gloss.gamma_error / gloss.gamma),
         has_scale=has_scale,
@@ -187,6 +186,12 @@ def _depth(points: NDArray[np.floating] | None, camera: Camera, labels: NDArray[
 
     nearest: Any = distance_transform_edt(~known, return_distances=False, return_indices=True)
     return depth[nearest[0], nearest[1]]
+
+
+def _angle_error(variance: NDArray[np.floating]) -> Map:
+    """Standard error of a direction [rad]; LEAST_KNOWN where it is larger, or not a number."""
+    largest = LEAST_KNOWN**2
+    return np.sqrt(np.clip(np.where(np.isfinite(variance), variance, largest), 0.0, largest).astype(np.float64))
 
 
 def _relative(error: Map, body: Map) -> Map:

@@ -52,7 +52,7 @@ def write_measure_report(path: Path, measurement: Measurement) -> None:
         findings=[*found, *findings_of_terms(measurement.terms)],
         missing=missing(found) + _own_light_missing(measurement),
         assumptions=[f"{what}: {said}" for what, said in measurement.assumptions.items()],
-        linearity=measurement.linearity,
+        health=measurement.health,
         remarks=[f"{m.name}: {remark}" for m in measurement.materials for remark in m.remarks],
         unconverged=[f"{m.name}: {note}" for m in measurement.materials for note in getattr(m, "unconverged", ())],
         maps=_maps(measurement, capture, crop),

@@ -30,6 +30,7 @@ def write_relight_report(path: Path, relighting: Relighting) -> None:
         measured=len(capture.photographs),
         rim=RELIEF_RIM_PX,
         linearity=relighting.measurement.linearity,
+        health=relighting.measurement.health,
         found=[
             *(_found(one) for one in relighting.predictions),
             *([f"{relighting.advice}."] if relighting.advice else []),

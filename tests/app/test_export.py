@@ -2,6 +2,7 @@
 
 import json
 import struct
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 
 import hagoromo as hg
 from hagoromo.app.cli import main
+from hagoromo_formats.relightable import export as export_module
 from hagoromo_formats.relightable.rti import hsh_basis, write_ptm
 from hagoromo_page.publication.lit import hemisphere, reflected, shown, white_level
 from hagoromo_page.publication.surface_maps import surface_maps
@@ -270,7 +272,7 @@ def test_the_verb_writes_all_or_nothing_and_says_what_is_lost(tmp_path, capsys):
     _, measured = ball()
     measured.save(tmp_path / "measured")
     out = tmp_path / "out"
-    assert main(["export", str(tmp_path / "measured"), "--to", "ply", "vrml", "--out", str(out)]) == 2
+    assert main(["export", str(tmp_path / "measured"), "--to", "vrml", "--out", str(out)]) == 2
     assert "no format is called vrml" in capsys.readouterr().err and not out.exists()
     assert main(["export", str(tmp_path / "measured"), "--to", "csv", "--out", str(out)]) == 2
     assert "has no spectra" in capsys.readouterr().err and not out.exists()
@@ -280,3 +282,31 @@ def test_the_verb_writes_all_or_nothing_and_says_what_is_lost(tmp_path, capsys):
     assert json.loads((out / "export.json").read_text())["lengths"] == "m"
     assert main(["export", str(tmp_path / "measured"), "--to", "ply", "--out", str(out)]) == 2
     assert main(["export", str(tmp_path / "measured"), "--to", "ply", "--out", str(out), "--force"]) == 0
+
+
+def test_a_format_that_cannot_be_written_does_not_keep_others_from_it(tmp_path, capsys):
+    """Each is one line on standard error and in the record; the others are whole; the exit status says so."""
+    _, measured = ball()
+    flat = replace(measured, points=None)
+    flat.save(tmp_path / "measured")
+    out = tmp_path / "out"
+    given = ["export", str(tmp_path / "measured"), "--to", "csv", "materialx", "ply", "vrml", "--out", str(out)]
+    assert main(given) == 2
+    said = capsys.readouterr().err.strip().splitlines()
+    assert [line.split(": ")[2] for line in said] == ["csv", "ply", "no format is called vrml"]
+    assert {path.name for path in out.glob("[a-z]*")} == {"materials.mtlx", "export.json"}
+    record = json.loads((out / "export.json").read_text())
+    assert set(record["formats"]) == {"materialx"} and set(record["refused"]) == {"csv", "ply", "vrml"}
+
+
+def test_rti_stands_for_both_files_that_programs_for_rti_open(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(export_module, "LAMPS", 9)
+    monkeypatch.setattr(export_module, "TESTED", 2)
+    _, measured = ball()
+    measured.save(tmp_path / "measured")
+    out = tmp_path / "out"
+    assert main(["export", str(tmp_path / "measured"), "--to", "rti", "hsh", "--out", str(out)]) == 0
+    assert {path.name for path in out.glob("[a-z]*")} == {"object.rti", "object.ptm", "export.json"}
+    said = capsys.readouterr().out
+    assert "hsh (object.rti): lost: " in said and "ptm (object.ptm): lost: " in said
+    assert (out / "object.rti").read_bytes().startswith(b"#HSH") and (out / "object.ptm").read_bytes()[:3] == b"PTM"

@@ -60,7 +60,11 @@ def test_measure_says_that_its_values_may_not_be_linear(measured, tmp_path):
     assert "linear values have 1" in record["assumptions"]["linearity"]
     write_measure_report(tmp_path / "report.html", measured)
     page = (tmp_path / "report.html").read_text()
-    assert "The photographs may not be linear in light" in page and "--transfer srgb" in page
+    assert page.index("Health of the photographs") < page.index("What was found") and "--transfer srgb" in page
+    transfer = measured.health["transfer"]
+    assert transfer.state == "doubtful" and "linear values have 1" in transfer.said
+    (check,) = (one for one in read_json(tmp_path / "measured" / "health.json")["checks"] if one["name"] == "transfer")
+    assert check["state"] == "doubtful" and hg.Measurement.load(tmp_path / "measured").health == measured.health
 
 
 def test_relight_says_so_in_its_file_and_on_its_page(measured, tmp_path):
@@ -72,6 +76,6 @@ def test_relight_says_so_in_its_file_and_on_its_page(measured, tmp_path):
 
 def test_a_page_of_linear_photographs_has_no_such_notice(measured, tmp_path):
     linear = replace(measured, linearity=Exponent(1.02, 0.03))
-    write_measure_report(tmp_path / "report.html", linear)
+    write_relight_report(tmp_path / "report.html", replace(relit(linear), predictions=()))
     assert "linear in light</h2>" not in (tmp_path / "report.html").read_text()
     assert relit(linear).records()[0]["linearity"]["advice"] == ""

@@ -17,8 +17,10 @@ from hagoromo.measurement.photographed import Photographed, photographed
 from hagoromo.measurement.surface import solved_surface
 from hagoromo.photograph.capture import load_capture
 from hagoromo_page.publication import object_page
+from hagoromo_page.publication.object_page import single_page
 from hagoromo_page.publication.planes import pack_planes, unpack_planes
-from hagoromo_page.publication.publish import has_scale, publish
+from hagoromo_page.publication.publish import has_scale, page_source, publish
+from hagoromo_page.publication.quantised import quantised
 from tests.app.in_browser import Opened
 from tests.app.published_ball import RIDGE, ball, encoded, radiance, ridge
 
@@ -152,6 +154,61 @@ def test_a_ridge_casts_its_shadow_as_far_as_the_lamp_is_low(browser, tmp_path):
         assert (row[: columns.start] > 0.95 * row[5]).all() and (row[dark.max() + 4 :] > 0.95 * row[5]).all()
     opened.page.keyboard.press("s")
     assert np.ptp(opened.pixels()[30, :, 0].astype(int)) <= 1
+
+
+def test_few_wild_pixels_do_not_stretch_the_scale_of_errors():
+    """0.5 % of the pixels with errors of 1e10 °, and one without: the scale ends at those of the rest, as it says."""
+    _, measurement = ball(far=True)
+    known = measurement.labels >= 0
+    variance = np.full(known.shape, 1e-4, np.float32)
+    rows, columns = np.nonzero(known)
+    wild = slice(0, len(rows) // 200)
+    variance[rows[wild], columns[wild]], variance[rows[-1], columns[-1]] = 3e16, np.inf
+    source = page_source(replace(measurement, normal_variance=variance), None)
+    data = single_page(source, 10**6).viewer.data
+    (view,) = (one for one in data["views"] if one.get("error") == "normal_error")
+    assert np.degrees(data["scales"]["normal_error"]) == pytest.approx([np.degrees(0.01)] * 2, rel=1e-4)
+    assert view["high"] == "≥ 0.57°" and "1 % of the pixels lie beyond each end" in view["unit"]
+    assert source.maps.normal_error is not None and source.maps.normal_error.max() <= np.pi / 2 + 1e-9
+    top = quantised(source.maps).planes["normal_error"].max()
+    off = variance[rows[-1], columns[-1]], source.maps.normal_error[source.maps.known][-1]
+    assert off == (np.inf, pytest.approx(np.pi / 2)) and top == 255
+
+
+def test_gloss_that_is_not_determined_has_no_view():
+    """Of no material: no view, and the colour's errors in place of the gloss's. Of one: its pixels are grey."""
+    _, measurement = ball(far=True)
+
+    def views(*vague):
+        materials = tuple(
+            replace(one, identifiable=dict(one.identifiable) | {"gamma": one.name not in vague})
+            for one in measurement.materials
+        )
+        data = single_page(page_source(replace(measurement, materials=materials), None), 10**6).viewer.data
+        assert [one["grey"] for one in data["materials"]] == [one.name in vague for one in materials]
+        return {one["label"]: one for one in data["views"]}
+
+    assert not any("loss" in label for label in views("material 0", "material 1"))
+    assert views("material 0", "material 1")["Error: colour"]["error"] == "body_error"
+    some = views("material 1")
+    for label in ("Gloss: width", "Gloss: strength", "Error: gloss"):
+        assert some[label]["gloss"] and some[label]["note"].endswith("(material 1).")
+    assert "note" not in views()["Gloss: width"]
+
+
+def test_pixels_without_measured_gloss_are_grey_in_its_views(browser, tmp_path):
+    _, measurement = ball(far=True)
+    first, second = measurement.materials
+    vague = replace(second, identifiable=dict(second.identifiable) | {"gamma": False})
+    publish(replace(measurement, materials=(first, vague)), tmp_path / "page.html")
+    opened = Opened(browser, tmp_path / "page.html")
+    for label in ("Gloss: width", "Gloss: strength", "Error: gloss"):
+        opened.page.get_by_role("button", name=label).click()
+        shown = opened.pixels()[opened.pixels().shape[0] // 2, :, :3].astype(int)
+        assert np.ptp(shown[-10], axis=0) == 0 and abs(shown[-10][0] - 77) <= 1  # of the second material
+        assert np.ptp(shown[10]) > 20 and "Grey" in opened.page.inner_text("#hv-status")
+    opened.page.get_by_role("button", name="Error: normal").click()
+    assert "Grey" not in opened.page.inner_text("#hv-status") and opened.said == []
 
 
 def test_a_folder_of_tiles_opens_without_a_server(browser, tmp_path, monkeypatch):

@@ -7,7 +7,13 @@ import pytest
 
 from hagoromo.calibration.response.calibrate_response import overlap_matrix, solve_response
 from hagoromo.calibration.response.chart import chart_spectra, read_chart
-from hagoromo.calibration.response.chart_falloff import ChartReadings, falloff, photograph_at_fault
+from hagoromo.calibration.response.chart_falloff import (
+    ChartReadings,
+    exchanged_lamps,
+    falloff,
+    photograph_at_fault,
+    share_of_light,
+)
 from hagoromo.calibration.response.curve_prior import priors_of
 from hagoromo.calibration.response.response_calibration import ResponseCalibration
 from hagoromo.camera.response import Response, camera_white
@@ -120,7 +126,7 @@ def test_the_falloff_of_the_light_over_a_chart_is_fitted():
     fall = np.exp(0.12 * (column - 2.5) / 2.5 + 0.06 * (row - 1.5) / 1.5)
     chart = chart_readings(("D65", "FL11"), np.concatenate([np.ones(24), fall]))
     priors = {name: priors_of(name, WAVELENGTHS) for name in "RGB"}
-    found = falloff(chart, priors)
+    found = share_of_light(chart, falloff(chart, priors))
     np.testing.assert_allclose(found[:24], 1.0, atol=0.02)
     ratio = found[24:] / fall
     np.testing.assert_allclose(ratio / ratio.mean(), 1.0, atol=0.02)
@@ -135,6 +141,26 @@ def test_the_photograph_at_fault_is_named():
     chart = chart_readings(("D65", "D50", "A"), share)
     (said,) = photograph_at_fault(chart, {name: priors_of(name, WAVELENGTHS) for name in "RGB"}, ["a", "b", "c"])
     assert said.startswith("b contradicts the others")
+
+
+def test_readings_that_are_not_linear_are_no_falloff():
+    """A power, and an offset of each channel, of readings in even light: none; they were taken for falls of 40 %."""
+    chart = chart_readings(("D65",), np.ones(24))
+    priors = {name: priors_of(name, WAVELENGTHS) for name in "RGB"}
+    for power, offset in ((0.5, 0.0), (1.0, -0.08)):
+        bent = {name: of.mean() * ((of / of.mean()) ** power + offset) for name, of in chart.readings.items()}
+        assert not falloff(chart._replace(readings=bent), priors).any()
+
+
+@pytest.mark.nightly
+def test_exchanged_lamps_are_named_and_right_ones_are_not():
+    """Of three photographs of unlike strengths the first and the last are given each other's lamps."""
+    priors = {name: priors_of(name, WAVELENGTHS) for name in "RGB"}
+    right = chart_readings(("D65", "D50", "A"), np.repeat([1.0, 1.4, 0.7], 24))
+    wrong = right._replace(matrix=chart_under("A", "D50", "D65"))
+    found = exchanged_lamps(wrong, priors)
+    assert found is not None and found.pair == (0, 2) and found.misfit[1] < 0.02 < found.misfit[0]
+    assert exchanged_lamps(right, priors) is None
 
 
 def test_patches_are_identified_under_the_lamp_they_are_lit_by():

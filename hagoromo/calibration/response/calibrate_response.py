@@ -18,9 +18,11 @@ from hagoromo.calibration.response.chart import ChartReading, chart_spectra, rea
 from hagoromo.calibration.response.chart_falloff import (
     DOUBTFUL_MISFIT,
     ChartReadings,
+    exchanged_lamps,
     falloff,
     falloff_findings,
     photograph_at_fault,
+    share_of_light,
 )
 from hagoromo.calibration.response.curve_prior import CurvePrior, priors_of
 from hagoromo.calibration.response.doubtful_readings import black_level, doubtful_readings, with_black_level
@@ -137,6 +139,7 @@ def solve_response(
         tuple(curve.shared for curve in curves.values()),
         _gains(list(curves.values()), used, numbers),
         black=black,
+        level=means,
     )
 
 
@@ -260,13 +263,20 @@ def read_response(
 def _solved(chart: ChartReadings, names: Sequence[str]) -> ResponseCalibration:
     """The response by readings without the falloff of the light, and what was found in the photographs."""
     priors = {channel: priors_of(channel, chart.wavelengths) for channel in chart.readings}
-    share = falloff(chart, priors)
+    uneven = falloff(chart, priors)
+    share = share_of_light(chart, uneven)
     even = chart.divided(share)
     calibration = solve_response(chart.wavelengths, chart.matrix, even.readings, lamps=chart.photograph)
-    findings = falloff_findings(chart, share, names)
+    findings, exchanged = falloff_findings(chart, share, names), None
     if max(calibration.noise.max(), *calibration.shared) > DOUBTFUL_MISFIT:
-        findings += photograph_at_fault(even, priors, names)
-    return replace(calibration, findings=tuple(findings))
+        linear = {name: calibration.linear(of, k) for k, (name, of) in enumerate(even.readings.items())}
+        straight = even._replace(readings=linear)
+        exchanged = exchanged_lamps(straight, priors)
+        at_fault = photograph_at_fault(straight, priors, names) if exchanged is None else [exchanged.finding(names)]
+        findings += at_fault
+    of = [f" of {name}" if len(names) > 1 else "" for name in names]
+    pairs = tuple(f"patch {p + 1}{of[k]}" for k, p in zip(chart.photograph.tolist(), chart.patch.tolist(), strict=True))
+    return replace(calibration, findings=tuple(findings), falloff=uneven, exchanged=exchanged, pairs=pairs)
 
 
 def _linear(path: str | Path) -> NDArray:

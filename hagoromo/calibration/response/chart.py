@@ -163,7 +163,7 @@ def _read(photograph: NDArray[Any], box: Array) -> ChartReading:
         if len(pixels) < FEWEST_PATCH_PIXELS:
             raise InputError(f"the chart's patches have {len(pixels)} pixels only: photograph it from closer")
         for channel, of in enumerate(pixels.T):
-            usable = of[of < clipped]  # also excludes NaN
+            usable = of[(of < clipped) & (of != 0.0)]  # also excludes NaN; exactly 0: cut off in the dark
             if len(usable) >= USABLE_PATCH_SHARE * len(of):
                 values[patch, channel] = usable.mean()
                 errors[patch, channel] = usable.std(ddof=1) / np.sqrt(len(usable))

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hagoromo.calibration.response.chart_falloff import Exchanged
 from hagoromo.calibration.response.doubtful_readings import BlackLevel, Doubtful
 from hagoromo.calibration.response.reading_transfer import ReadingTransfer
 from hagoromo.camera.response import Response
@@ -33,7 +34,9 @@ class ResponseCalibration:
     out. priors: (channels,) what the evidence chose: smooth, or like published cameras. shared: (channels,) relative
     standard deviation of the factor that the readings of one lamp share. gains: (channels, lamps, 2) those factors and
     their standard errors; None where lamps are not known. findings: what else was found, in sentences.
-    black: a black level that may have been left in all readings; the intervals have it.
+    black: a black level that may have been left in all readings; the intervals have it. level: (channels,) mean of the
+    readings that were used. falloff: (photographs, 5) of the light over a chart, see `light_over_chart`, 0 where it is
+    even. exchanged: the photographs whose lamps fit when exchanged. pairs: names of the pairs.
     """
 
     response: Response
@@ -50,11 +53,23 @@ class ResponseCalibration:
     gains: NDArray[np.float64] | None = None
     findings: tuple[str, ...] = ()
     black: BlackLevel | None = None
+    level: NDArray[np.float64] | None = None
+    falloff: NDArray[np.float64] | None = None
+    exchanged: Exchanged | None = None
+    pairs: tuple[str, ...] = ()
+
+    def linear(self, values: NDArray[np.float64], channel: int) -> NDArray[np.float64]:
+        """Values of a channel of the photographs, made proportional to light where they certainly are not."""
+        transfer = self.transfers[channel] if self.transfers else None
+        if transfer is None or not transfer.certain or self.level is None:
+            return values
+        level = float(self.level[channel])
+        return level * np.maximum(values / level - transfer.offset, 0.0) ** (1.0 / transfer.power)
 
     def remarks(self) -> list[str]:
         """One line for each fault: readings left out, a transfer that is not linear, fits that did not converge."""
         pairs = zip(self.response.channels, self.statuses, strict=False)
-        said = [] if self.doubtful is None else self.doubtful.remarks()
+        said = [] if self.doubtful is None else self.doubtful.remarks(self.pairs)
         for channel, transfer in zip(self.response.channels, self.transfers, strict=False):
             if transfer is not None and transfer.certain:
                 said.append(f"channel {channel}: {_transfer_said(transfer)}")
@@ -95,6 +110,7 @@ class ResponseCalibration:
         black = None if self.black is None else self.black._asdict()
         return {
             "channels": channels, "black_level": black, "repeated_pairs": repeated,
+            "falloff": None if self.falloff is None else self.falloff.tolist(),
             "remarks": self.remarks(), "hagoromo": written_by(),
         }  # fmt: skip
 

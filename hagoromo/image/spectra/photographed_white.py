@@ -59,9 +59,9 @@ def white_from_chart(
     photograph: NDArray, lamp: Spectrum, response: Response, chart: Sequence[Spectrum], corners: ArrayLike | None = None
 ) -> White:
     """The white of the photograph in which, or beside which, the chart was photographed."""
-    reading = read_chart(photograph, [patch.mean() for patch in chart], corners)
     surfaces = np.array([patch.held(360.0, 830.0).at(WAVELENGTHS) for patch in chart])
     expected = surfaces @ reading_matrix(lamp, response).T
+    reading = read_chart(photograph, expected, corners)
     usable = np.isfinite(reading.values).all(axis=1)
     if usable.sum() < FEWEST_PATCHES:
         raise InputError(f"{int(usable.sum())} patches of the chart are neither clipped nor invalid: expose less")

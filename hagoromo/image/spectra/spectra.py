@@ -12,10 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.calibration.response.calibrate_response import read_response
-from hagoromo.calibration.response.chart import chart_spectra, read_chart
+from hagoromo.calibration.response.chart import chart_spectra
 from hagoromo.camera.response import Response, camera_white
 from hagoromo.errors import InputError
 from hagoromo.files.png import read_png
+from hagoromo.image.spectra.chart_correction import ChartCorrection, chart_correction
 from hagoromo.image.spectra.photographed_white import White, read_linear, white_from_chart, white_from_patch
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.measurement.measurement_files import read_surface
@@ -25,6 +26,9 @@ from hagoromo.reflectance.spectra.spectrum_map import SpectrumMap, estimate_spec
 
 ILLUMINATION = 0.01  # relative standard deviation of the light on a region, against that on the white
 Array = NDArray[Any]
+DOUBTFUL_SCATTER = 0.05  # relative error of the patches of a chart, from which it is reported
+LEAST_UNCLIPPED = 0.5  # share of a region's pixels
+UNKNOWN = 10.0  # standard deviation of a reading that is left out, over white
 FINEST = 1e-4  # least relative standard error of a reading
 RECTANGLE = re.compile(r"(.+)=(\d+),(\d+),(\d+),(\d+)")
 FEWEST_PIXELS = 4
@@ -52,7 +56,8 @@ class RegionSpectra:
     """Spectra of regions. estimates, pixels: by name. image: spectra of all pixels, or None.
 
     response: as given, or calibrated from the chart. whites: reading of a perfect white per photograph. assumptions:
-    what was taken for granted, a line each.
+    what was taken for granted, a line each. remarks: what was found to be wrong with the photographs and, where it says
+    so, corrected. lamps: of the photographs, in their order.
     """
 
     estimates: Mapping[str, SpectrumEstimate]
@@ -63,6 +68,7 @@ class RegionSpectra:
     assumptions: tuple[str, ...] = ()
     image: SpectrumMap | None = None
     masks: Masks = field(default_factory=dict)
+    remarks: tuple[str, ...] = ()
 
 
 def spectra(
@@ -92,24 +98,33 @@ def spectra(
     light = tuple(Spectrum.load(str(lamp) if isinstance(lamp, Path) else lamp) for lamp in lamps)
     _check(pictures, light, charts)
     masks = marked_regions(pictures[0].shape[:2], marks.rectangles, marks.labels, marks.measured)
-    camera, whites, assumed = _whites(pictures, light, marks, masks, response, charts, chart)
+    if marks.white is None:
+        lit = _by_chart(pictures, light, marks, response, charts, chart)
+    elif response is None:
+        raise InputError("a white patch does not calibrate the camera: give its --response, or photographs of a chart")
+    else:
+        lit = _by_patch(pictures, light, marks, masks, response)
     regions = {name: mask for name, mask in masks.items() if name != marks.white}
     if not regions:
         raise InputError(f"{marks.white!r}, the white patch, is the only region: mark what is to be measured")
     chosen = [ReflectancePrior.load(name) for name in PRIORS] if priors is None else list(priors)
-    matrix = np.concatenate([reading_matrix(lamp, camera) for lamp in light])
-    found = {
-        name: estimate_spectrum(matrix, *_reading(pictures, whites, mask, illumination, name), chosen, upper)
-        for name, mask in regions.items()
-    }
-    image = _image(pictures, whites, matrix, chosen, upper) if whole_image else None
-    assumed += [
+    matrix = np.concatenate([reading_matrix(lamp, lit.response) for lamp in lit.lamps])
+    found, remarks = {}, list(lit.remarks)
+    for name, mask in regions.items():
+        values, covariance, said = _reading(lit, mask, illumination, name)
+        found[name] = estimate_spectrum(matrix, values, covariance, chosen, upper)
+        remarks += said
+    image = _image(lit.pictures, lit.whites, matrix, chosen, upper) if whole_image else None
+    assumed = [
+        *lit.assumptions,
         f"the light on a region is that on the white to {100 * illumination:g} %",
         f"priors {', '.join(f'{prior.name} ({prior.odds:.2g})' for prior in chosen)}: odds before the readings",
         f"spectra lie within 0 and {upper:g} of a perfect white",
     ]
     counts = {name: int(mask.sum()) for name, mask in regions.items()}
-    return RegionSpectra(found, counts, light, camera, tuple(whites), tuple(assumed), image, regions)
+    return RegionSpectra(
+        found, counts, lit.lamps, lit.response, tuple(lit.whites), tuple(assumed), image, regions, tuple(remarks)
+    )
 
 
 def _check(pictures: Sequence[NDArray], lamps: Sequence[Spectrum], charts: Sequence[object]) -> None:
@@ -124,90 +139,150 @@ def _check(pictures: Sequence[NDArray], lamps: Sequence[Spectrum], charts: Seque
         )
 
 
-def _whites(
-    pictures: Sequence[NDArray],
-    lamps: Sequence[Spectrum],
+@dataclass(frozen=True, eq=False)
+class _Lit:
+    """The camera and the lamps, what a perfect white reads in each of the `pictures`, which are linear and evenly lit,
+    what is assumed by that, and what was found to be wrong; corrections: of each picture, by a chart.
+    """
+
+    response: Response
+    lamps: tuple[Spectrum, ...]
+    whites: list[White]
+    pictures: list[Array]
+    assumptions: list[str]
+    remarks: list[str] = field(default_factory=list)
+    corrections: Sequence[ChartCorrection] = ()
+
+    def spread(self, number: int, mask: NDArray[np.bool_]) -> float:
+        """Relative standard deviation of the light on a region by what lies between it and the chart."""
+        return self.corrections[number].spread(mask) if self.corrections else 0.0
+
+
+def _by_patch(pictures: list[Array], lamps: tuple[Spectrum, ...], marks: Marks, masks: Masks, camera: Response) -> _Lit:
+    """By a white patch in each photograph."""
+    if marks.white not in masks:
+        raise InputError(f"no region is called {marks.white!r}: the regions are {', '.join(masks)}")
+    means = [np.nanmean(picture[masks[marks.white]], axis=0) for picture in pictures]
+    whites = [white_from_patch(mean, marks.reflectance) for mean in means]
+    lines = [
+        f"the patch {marks.white} is neutral and reflects {marks.reflectance:g} at every wavelength",
+        "one patch does not show whether values are linear in light, free of glare and evenly lit: a chart does",
+    ]
+    return _Lit(camera, lamps, whites, pictures, lines)
+
+
+def _by_chart(
+    pictures: list[Array],
+    lamps: tuple[Spectrum, ...],
     marks: Marks,
-    masks: Masks,
     response: Response | None,
     charts: Sequence[str | Path | NDArray],
     chart: str | Path,
-) -> tuple[Response, list[White], list[str]]:
-    """The response, what a perfect white reads under each lamp, and what is assumed by that."""
-    if marks.white is not None:
-        if response is None:
-            raise InputError(
-                "a white patch does not calibrate the camera: give its --response, or photographs of a chart"
-            )
-        if marks.white not in masks:
-            raise InputError(f"no region is called {marks.white!r}: the regions are {', '.join(masks)}")
-        means = [np.nanmean(picture[masks[marks.white]], axis=0) for picture in pictures]
-        line = f"the patch {marks.white} is neutral and reflects {marks.reflectance:g} at every wavelength"
-        return response, [white_from_patch(mean, marks.reflectance) for mean in means], [line]
+) -> _Lit:
+    """By a chart in each photograph, or beside it in `charts`: photographs are corrected by what it shows of each."""
     shown = [read_linear(one) if isinstance(one, (str, Path)) else np.asarray(one) for one in charts] or list(pictures)
     patches = chart_spectra(chart)
-    line = f"patches of the chart as {chart}; the chart faces the light as the regions do"
-    if response is not None:
-        return (
-            response,
-            [white_from_chart(p, lamp, response, patches) for p, lamp in zip(shown, lamps, strict=True)],
-            [line],
-        )
-    found, whites = _calibrated(shown, lamps, patches, marks.corners)
-    return (
-        found,
-        whites,
-        [line, "the response was calibrated from the chart: the errors of its patches are in the bands"],
-    )
+    names = [f"photograph {k + 1}" for k in range(len(shown))]
+    corners = marks.corners or [None] * len(shown)
+    corrections = [
+        chart_correction(picture, lamp, patches, at, name)
+        for picture, lamp, at, name in zip(shown, lamps, corners, names, strict=True)
+    ]
+    even = [one.applied(picture) for one, picture in zip(corrections, shown, strict=True)]
+    places = [one.corners for one in corrections]
+    remarks = [
+        line if line.startswith(name) else f"{name}: {line}"
+        for one, name in zip(corrections, names, strict=True)
+        for line in one.remarks()
+    ]
+    assumed = [f"patches of the chart as {chart}; the chart faces the light as the regions do"]
+    if response is None:
+        response, lamps, more = _calibrated(even, lamps, patches, places, corrections[0].calibration.response)
+        remarks += more
+        assumed.append("the response was calibrated from the chart: the errors of its patches are in the bands")
+    whites = [
+        white_from_chart(picture, lamp, response, patches, at)
+        for picture, lamp, at in zip(even, lamps, places, strict=True)
+    ]
+    remarks += [
+        f"{name}: lamp and response explain the patches of the chart only to {100 * white.scatter.max():.0f} %: check "
+        "the spectra of the lamp, of the patches and of the response"
+        for name, white in zip(names, whites, strict=True)
+        if white.scatter.max() > DOUBTFUL_SCATTER
+    ]
+    if charts:
+        even = [one.applied(picture) for one, picture in zip(corrections, pictures, strict=True)]
+    return _Lit(response, lamps, whites, even, assumed, remarks, corrections)
 
 
 def _calibrated(
-    shown: Sequence[NDArray], lamps: Sequence[Spectrum], patches: Sequence[Spectrum], corners: Sequence[NDArray] | None
-) -> tuple[Response, list[White]]:
-    """The response from the chart under all lamps, whose strengths and exposures need not be alike.
+    shown: Sequence[Array],
+    lamps: tuple[Spectrum, ...],
+    patches: Sequence[Spectrum],
+    places: Sequence[Array],
+    first: Response,
+) -> tuple[Response, tuple[Spectrum, ...], list[str]]:
+    """The response from the chart under all lamps, whose strengths and exposures need not be alike; the lamps, and what
+    was found. first: response by the first photograph alone, which gives each photograph's factor.
 
-    It is calibrated under the first lamp, which gives each photograph's factor, and then under all together.
+    Lamps that were given in the wrong order are exchanged.
     """
-    first, readings = read_response(shown[:1], lamps[:1], patches, None if corners is None else corners[:1])
-    camera, places = first.response, [readings[0].corners]
-    for number in range(1, len(shown)):
-        at = None if corners is None else corners[number]
-        places.append(read_chart(shown[number], [patch.mean() for patch in patches], at).corners)
+    if len(shown) == 1:
+        return first, lamps, []
     charted = list(zip(shown, lamps, places, strict=True))
-    if len(shown) > 1:
-        whites = [white_from_chart(one, lamp, camera, patches, at) for one, lamp, at in charted]
-        expected = [camera_white(lamp, camera) for lamp in lamps]
-        factors = [float(np.exp(np.mean(np.log(e / w.reading)))) for e, w in zip(expected, whites, strict=True)]
-        scaled = [picture * factor for picture, factor in zip(shown, factors, strict=True)]
-        camera = read_response(scaled, lamps, patches, places)[0].response
-    return camera, [white_from_chart(one, lamp, camera, patches, at) for one, lamp, at in charted]
+    whites = [white_from_chart(one, lamp, first, patches, at) for one, lamp, at in charted]
+    expected = [camera_white(lamp, first) for lamp in lamps]
+    factors = [float(np.exp(np.mean(np.log(e / w.reading)))) for e, w in zip(expected, whites, strict=True)]
+    scaled = [picture * factor for picture, factor in zip(shown, factors, strict=True)]
+    found, _ = read_response(scaled, lamps, patches, places)
+    if found.exchanged is None:
+        return found.response, lamps, found.remarks()
+    a, b = found.exchanged.pair
+    order = list(range(len(lamps)))
+    order[a], order[b] = b, a
+    said = found.exchanged.finding([f"photograph {k + 1}" for k in range(len(lamps))])
+    right = tuple(lamps[k] for k in order)
+    alone, _ = read_response(shown[:1], right[:1], patches, places[:1])
+    response, right, more = _calibrated(shown, right, patches, places, alone.response)
+    return response, right, [f"{said}; they were used so", *more]
 
 
-def _reading(
-    pictures: Sequence[NDArray], whites: Sequence[White], mask: NDArray[np.bool_], illumination: float, name: str
-) -> tuple[Array, Array]:
-    """Readings of a region relative to white (photographs × channels,), and their covariance.
+def _reading(lit: _Lit, mask: NDArray[np.bool_], illumination: float, name: str) -> tuple[Array, Array, list[str]]:
+    """Readings of a region relative to white (photographs × channels,), their covariance, and what is wrong with them.
 
     Noise of the mean, the scatter of the chart's patches per channel, and the light, common to a photograph's channels.
+    A channel that is clipped there has no weight.
     """
-    values, blocks = [], []
-    for number, (picture, white) in enumerate(zip(pictures, whites, strict=True)):
+    values, blocks, said = [], [], []
+    for number, (picture, white) in enumerate(zip(lit.pictures, lit.whites, strict=True)):
         pixels = picture[mask]
-        pixels = pixels[np.isfinite(pixels).all(axis=1)]
-        if len(pixels) < 0.5 * mask.sum():
+        clipped = np.isfinite(pixels).mean(axis=0) < LEAST_UNCLIPPED
+        if clipped.all():
             raise InputError(
                 f"region {name!r} is clipped or invalid in photograph {number + 1}: expose less, or move it"
             )
+        for channel in np.flatnonzero(clipped):
+            which = lit.response.channels[channel]
+            said.append(f"{name}: channel {which} is clipped in photograph {number + 1} and left out: expose less")
+        pixels = np.where(clipped, white.reading, pixels)
+        pixels = pixels[np.isfinite(pixels).all(axis=1)]
         mean = pixels.mean(axis=0) / white.reading
         noise = pixels.std(axis=0, ddof=1) / white.reading / np.sqrt(len(pixels))
-        block = np.diag(noise**2 + (white.scatter * mean) ** 2 + (FINEST * mean.mean()) ** 2)
+        between = lit.spread(number, mask)
+        if between > illumination:
+            said.append(
+                f"{name}: it lies beside the chart, where the uneven light of photograph {number + 1} is known to "
+                f"{100 * between:.0f} %: put the chart where the region is"
+            )
+        own = noise**2 + (white.scatter * mean) ** 2 + (FINEST * mean.mean()) ** 2
+        block = np.diag(np.where(clipped, UNKNOWN**2, own))
         values.append(mean)
-        blocks.append(block + illumination**2 * np.outer(mean, mean))
+        blocks.append(block + (illumination**2 + between**2) * np.outer(mean, mean))
     count = len(values[0])
     covariance = np.zeros((count * len(blocks),) * 2)
     for number, block in enumerate(blocks):
         covariance[number * count : (number + 1) * count, number * count : (number + 1) * count] = block
-    return np.concatenate(values), covariance
+    return np.concatenate(values), covariance, said
 
 
 def _image(

@@ -77,7 +77,8 @@ def spectra_record(
                 for lamp, spectrum in lamps.items()
             }
         regions.append(entry)
-    return {"regions": regions, "assumptions": list(found.assumptions), "hagoromo": written_by()}
+    said = {"remarks": list(found.remarks), "assumptions": list(found.assumptions)}
+    return {"regions": regions, **said, "hagoromo": written_by()}
 
 
 def _colour(estimate: SpectrumEstimate, lamp: Spectrum) -> dict[str, Any]:

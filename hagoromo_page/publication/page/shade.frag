@@ -3,7 +3,7 @@
 uniform usampler2D geometry;       // octahedral normal u, v; depth; label
 uniform usampler2DArray bodies;    // square roots of α c_b, four channels a layer
 uniform usampler2D extra;          // ln β, ln γ, error of the normal + 256 · 1/ν, error of body colour or gloss
-uniform sampler2D materials;       // row 0: β, γ, n, 1/ν; row 1: 2^(1/ν) − 1, ε, σ; rows 2 …: interface colour under lamp k;
+uniform sampler2D materials;       // row 0: β, γ, n, 1/ν; row 1: 2^(1/ν) − 1, ε, σ, 1 without measured gloss; rows 2 …: interface colour under lamp k;
                                    // then of each further lobe β and γ over those of the first one
 uniform sampler2D rays;            // x/z, y/z of rays on a grid over the picture (OpenCV's axes)
 uniform sampler2D shadows;         // share of each lamp that arrives
@@ -19,6 +19,7 @@ uniform vec4 lampAxis[LAMPS];      // axis and exponent of the fall-off; exponen
 uniform float lampScale[LAMPS];    // irradiance of a plane that faces the lamp; at 1 m of a near one
 uniform vec3 bodyColumns[LAMPS * CHANNELS];  // display colour of a unit of α c_b of a channel
 uniform int view;
+uniform bool ofGloss;              // whether the view shows the gloss, or its error
 uniform float exposure;
 uniform bool withShadows;
 uniform float enhancement, enhancementWidth;
@@ -105,6 +106,7 @@ void main() {
     rise = exp2(tail) - 1.0;
   }
   float facing = (interfaceOf.z - 1.0) / (interfaceOf.z + 1.0);
+  if (ofGloss && bodyOf.w > 0.5) { shown = vec4(vec3(0.3), 1.0); return; }
   if (view >= 3) {
     float value = view == 3 ? gamma : view == 4 ? beta * facing * facing
       : errorRange.x > 0.0 ? logarithmic(view == 5 ? more.z & 255u : more.w, errorTop, errorRange) : 0.0;

@@ -198,7 +198,7 @@ function updateMaterials() {
   const count = data.materials.length, rows = 2 + LAMPS + data.lobes, values = new Float32Array(4 * count * rows);
   data.materials.forEach((one, m) => {
     values.set([one.beta, one.gamma, one.n, one.tail], 4 * m);
-    values.set([2 ** one.tail - 1, one.epsilon, one.sigma, 0], 4 * (count + m));
+    values.set([2 ** one.tail - 1, one.epsilon, one.sigma, one.grey ? 1 : 0], 4 * (count + m));
     for (let l = 0; l < data.lobes; l++) values.set(one.lobes[l] || [0, 1], 4 * ((2 + LAMPS + l) * count + m));
   });
   state.lamps.forEach((lamp, k) => {
@@ -225,7 +225,7 @@ class Tile {
       const errors = planes.normal_error;
       planes.with_tail = planes.tail.map((tail, i) => 256 * tail + (errors ? errors[i] : 0));
     }
-    this.extra = upload(["beta", "gamma", planes.tail ? "with_tail" : "normal_error", planes.gloss_error ? "gloss_error" : "body_error"]);
+    this.extra = upload(["beta", "gamma", planes.tail ? "with_tail" : "normal_error", (VIEWS.find((one) => one.number === 6) || {}).error]);
     const bodies = new Uint16Array(4 * size * layers);
     for (let k = 0; k < layers; k++) bodies.set(interleaved(planes, [0, 1, 2, 3].map((c) => `body${4 * k + c}`), size), 4 * size * k);
     this.bodies = texture(gl.TEXTURE_2D_ARRAY, gl.RGBA16UI, this.width, this.height, layers, bodies, gl.UNSIGNED_SHORT, gl.RGBA_INTEGER);
@@ -267,6 +267,7 @@ class Tile {
     }
     gl.uniform3fv(used.at("bodyColumns"), columns);
     gl.uniform1i(used.at("view"), view.number);
+    gl.uniform1i(used.at("ofGloss"), view.gloss ? 1 : 0);
     gl.uniform1f(used.at("exposure"), data.exposure * 2 ** state.stops);
     gl.uniform1i(used.at("withShadows"), state.shadows && relief && view.number === 0 ? 1 : 0);
     gl.uniform1f(used.at("enhancement"), state.enhance);

@@ -1,0 +1,121 @@
+"""Examine: the checks of a capture, by its own photographs, in seconds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hagoromo.light.lamp import Lamp
+from hagoromo.measurement.health.health import NAMES, Check, Health, Name, doubtful, good, not_testable
+from hagoromo.measurement.health.lamps import POWERS, FittedLamps, fitted_lamps, lamps_check, strengths_check
+from hagoromo.measurement.health.order import order_check
+from hagoromo.measurement.health.pictures import blur_check, mask_check, motion_check
+from hagoromo.measurement.health.shading import Shading, shading_of
+from hagoromo.measurement.photograph_checks import linearity_of, moved, why_not_tested
+from hagoromo.photograph.capture import Capture
+from hagoromo.photograph.exponent import Exponent
+
+FAULTS = ("did not converge", "doubtful")  # words in what a capture says of its calibrations
+CALIBRATED = ("camera", "lamps", "rig", "response")
+LEAST_TAKEN = 0.1  # standard deviation of ln strength, from which strengths that nobody stated are fitted
+CURVE = "the transfer is to be mended first"
+FIRST = "the order of the photographs is to be mended first"
+
+
+@dataclass(frozen=True, eq=False)
+class Examined:
+    """health: the checks. exponent: that the shading asks for, None where it is not tested. lamps: as the photographs
+    show them; None where they do not.
+    """
+
+    health: Health
+    exponent: Exponent | None
+    lamps: FittedLamps | None
+
+    def with_strengths(self, capture: Capture) -> Capture:
+        """The capture with the strengths of lamps that nobody stated, where its photographs show large differences."""
+        stated = [np.asarray(shot.lamps[0].intensity, np.float64) for shot in capture.photographs if shot.lamps]
+        alike = len({one.tobytes() for one in stated}) == 1
+        lamps = self.lamps
+        if lamps is None or lamps.power != 1.0 or not (alike and lamps.uneven and lamps.spread > LEAST_TAKEN):
+            return capture
+        said = f"nobody stated them: fitted to the photographs, which differ by {100 * lamps.spread:.0f} %"
+        taken = with_strengths(capture, lamps)
+        return replace(taken, assumptions={**capture.assumptions, "strengths": said})
+
+
+def examine(capture: Capture, shifts: Mapping[str, tuple[float, float]] | None = None) -> Examined:
+    """The checks of `capture`. shifts: of its photographs, where they are known, see `moved`.
+
+    Strengths of the lamps that the photographs show are taken out before the transfer is tested.
+    """
+    shifts = moved(capture.photographs) if shifts is None else shifts
+    found: dict[Name, Check] = {
+        "motion": motion_check(capture, shifts), "blur": blur_check(capture), "mask": mask_check(capture),
+        "calibration": _calibration(capture),
+    }  # fmt: skip
+    shading = shading_of(capture)
+    if isinstance(shading, str):
+        found |= {name: not_testable(name, shading) for name in ("order", "strengths", "lamps")}
+        lamps, exponent = None, linearity_of(capture)
+    else:
+        found["order"] = order_check(shading)
+        ordered = found["order"].state != "doubtful"
+        lamps, exponent = _lit(shading, capture) if ordered else (None, None)
+        found |= _of_lamps(shading, capture, lamps)
+    found["transfer"] = _transfer(capture, exponent, found["order"])
+    return Examined(Health(checks=tuple(found[name] for name in NAMES)), exponent, lamps)
+
+
+def _lit(shading: Shading, capture: Capture) -> tuple[FittedLamps, Exponent | None]:
+    """The lamps, and the exponent with their strengths taken out; that of linear values unless it contradicts them."""
+    for powers in (POWERS, (1.0,)):
+        lamps = fitted_lamps(shading, powers)
+        exponent = linearity_of(with_strengths(capture, lamps) if lamps.uneven else capture)
+        if lamps.power == 1.0 or (exponent is not None and exponent.contradicted):
+            break
+    return lamps, exponent
+
+
+def _of_lamps(shading: Shading, capture: Capture, lamps: FittedLamps | None) -> dict[Name, Check]:
+    if lamps is None or lamps.power != 1.0:
+        return {name: not_testable(name, FIRST if lamps is None else CURVE) for name in ("strengths", "lamps")}
+    to_world = capture.photographs[0].camera.camera_to_world[:3, :3]
+    return {"strengths": strengths_check(shading, lamps), "lamps": lamps_check(shading, lamps, to_world)}
+
+
+def with_strengths(capture: Capture, lamps: FittedLamps) -> Capture:
+    """The capture whose lamps have the strengths that its photographs show."""
+    shots = [
+        replace(shot, lamps=(_stronger(shot.lamps[0], float(factor)),))
+        for shot, factor in zip(capture.photographs, lamps.strength, strict=True)
+    ]
+    return replace(capture, photographs=tuple(shots))
+
+
+def _stronger(lamp: Lamp, factor: float) -> Lamp:
+    stated = lamp.intensity
+    return replace(lamp, intensity=tuple(v * factor for v in stated) if isinstance(stated, tuple) else stated * factor)
+
+
+def _transfer(capture: Capture, exponent: Exponent | None, order: Check) -> Check:
+    if order.state == "doubtful":
+        return not_testable("transfer", FIRST)
+    if exponent is None:
+        return not_testable("transfer", why_not_tested(capture).removeprefix("not tested: "))
+    if exponent.contradicted:
+        return doubtful("transfer", exponent.sentence, exponent.advice)
+    return (not_testable if exponent.uncertain else good)("transfer", exponent.sentence)
+
+
+def _calibration(capture: Capture) -> Check:
+    """What the capture says of the calibrations that it was made with."""
+    stated = {key: text for key in CALIBRATED if (text := capture.assumptions.get(key))}
+    if not stated:
+        return not_testable("calibration", "the capture does not say how camera and lamps were calibrated")
+    said = "; ".join(f"{key}: {text}" for key, text in stated.items())
+    if any(word in said for word in FAULTS):
+        return doubtful("calibration", said, "calibrate again, see the remarks of that calibration")
+    return good("calibration", said)

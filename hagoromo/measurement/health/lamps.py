@@ -1,0 +1,170 @@
+"""Lamps: how strong each lamp is beside the others, and where it is, by the photographs under the others.
+
+From normals that the other photographs give, each photograph has a lamp of its own by least squares, whose length is
+its strength and whose direction is compared with the stated one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from hagoromo.measurement.health.health import Check, doubtful, good
+from hagoromo.measurement.health.shading import Array, Shading, loss
+from hagoromo.photograph.exponent import FLOOR, OUTLIER, RELATIVE
+
+ROUNDS = 4  # of the robust fit of a lamp
+POWERS = (1.0, 2.2, 1.0 / 2.2)  # of linear values, of display values, and of linear ones that were decoded
+CLEARLY = 0.8  # misfit with another power over that of linear values, from which it is taken
+TURNS = 12  # of strengths and normals in turn
+SETTLED = 1e-3  # change of ln strength
+MOST_APART = 24  # photographs up to which each lamp is fitted to normals without it
+UNEVEN = 0.03  # standard deviation of ln strength that is said
+EXPLAINED = 0.85  # misfit with strengths over that without, from which they are said to differ
+# A lamp is off that is so far from where it is stated, and whose photograph then fits so much better. Lamps that are
+# read from a chrome ball are uncertain by 1° to 3°.
+OFF_DEG, OWN_MISFIT = 4.0, 0.6
+FEWEST_READINGS = 20  # of a photograph, by which its lamp is fitted
+MOST_OFF = 3  # lamps that are named
+
+
+class FittedLamps(NamedTuple):
+    """strength: (K,) of mean logarithm 0. direction: (K, 3) unit. misfit: with these strengths, and without. power: of
+    the values that follows light best, with the strengths free: of POWERS.
+    """
+
+    strength: Array
+    direction: Array
+    misfit: tuple[float, float]
+    power: float = 1.0
+
+    @property
+    def spread(self) -> float:
+        """Standard deviation of ln strength over the stated ones."""
+        return float(np.std(np.log(self.strength)))
+
+    def even(self, shading: Shading) -> Shading:
+        """The sample without the differences in strength, where they are evident."""
+        return replace(shading, values=shading.values / self.strength[:, None]) if self.uneven else shading
+
+    @property
+    def uneven(self) -> bool:
+        """Whether strengths that differ explain the photographs better than those that were stated."""
+        return self.spread > UNEVEN and self.misfit[0] < EXPLAINED * self.misfit[1]
+
+
+def fitted_lamps(shading: Shading, powers: Sequence[float] = POWERS) -> FittedLamps:
+    """Strengths, then directions of the lamps, with values to one of `powers`, 1 among them.
+
+    Strengths of linear values also explain a part of what another transfer does, and would hide it.
+    """
+    found = {power: _strengths(shading.few(), power) for power in powers}
+    power = min(found, key=lambda one: found[one].misfit[0])
+    best = found[power] if found[power].misfit[0] < CLEARLY * found[1.0].misfit[0] else found[1.0]
+    even = best.even(shading.few())
+    return best._replace(direction=_directions(replace(even, values=even.values**best.power)))
+
+
+def _strengths(few: Shading, power: float) -> FittedLamps:
+    """Strengths with which values to that power follow light best."""
+    few = replace(few, values=np.maximum(few.values, 1e-300) ** power)
+    log_strength = np.zeros(len(few.values))
+    for _ in range(TURNS):
+        even = replace(few, values=few.values / np.exp(log_strength)[:, None])
+        _, g = even.fit()
+        length = np.linalg.norm([_lamp(v, u, g) for v, u in zip(even.values, even.usable, strict=True)], axis=1)
+        step = np.where(few.usable.sum(axis=1) < FEWEST_READINGS, 0.0, np.log(np.maximum(length, 1e-3)))
+        step -= np.median(step)
+        log_strength = log_strength + 1.5 * step
+        if np.abs(step).max() < SETTLED:
+            break
+    log_strength = (log_strength - log_strength.mean()) / power
+    even = replace(few, values=few.values / np.exp(power * log_strength)[:, None])
+    misfits = tuple(loss(one.fit()[0] / power, one.usable) for one in (even, few))
+    return FittedLamps(np.exp(log_strength), few.to_lamp, (misfits[0], misfits[1]), power)
+
+
+def _directions(shading: Shading) -> Array:
+    """(K, 3) of lamps by the normals that the other photographs give."""
+    found, count = [], len(shading.values)
+    _, g = shading.fit()
+    for k in range(count):
+        if count <= MOST_APART:
+            others = shading.usable.copy()
+            others[k] = False
+            _, g = replace(shading, usable=others).fit()
+        found.append(_lamp(shading.values[k], shading.usable[k], g))
+    few = shading.usable.sum(axis=1, keepdims=True) < FEWEST_READINGS
+    lamps = np.where(few, shading.to_lamp, np.array(found))
+    return lamps / np.maximum(np.linalg.norm(lamps, axis=1, keepdims=True), 1e-300)
+
+
+def _lamp(values: Array, usable: Array, g: Array) -> Array:
+    """(3,) the lamp with which `g` (P, 3) gives `values` (P,), robust against highlights and cast shadows."""
+    size = np.linalg.norm(g, axis=1)
+    error = np.hypot(RELATIVE * values, FLOOR * size)
+    weight = np.where(usable & (size > 0.0), 1.0 / np.maximum(error, 1e-300), 0.0)
+    robust, lamp = np.ones_like(weight), np.zeros(3)
+    for _ in range(ROUNDS):
+        w = weight * robust
+        squares = (g * w[:, None]).T @ (g * w[:, None])
+        squares += (1e-9 * np.trace(squares) + 1e-300) * np.eye(3)
+        lamp = np.linalg.solve(squares, (g * w[:, None]).T @ (values * w))
+        off = np.abs(values - g @ lamp) * weight
+        robust = np.sqrt(np.minimum(1.0, OUTLIER / np.maximum(off, 1e-12)))
+    return lamp
+
+
+def strengths_check(shading: Shading, found: FittedLamps) -> Check:
+    """Whether the lamps are as strong as stated, all alike where nothing is."""
+    spread = 100.0 * found.spread
+    if not found.uneven:
+        return good("strengths", f"the lamps are as strong beside one another as stated, to {spread:.2g} %")
+    far = int(np.argmax(np.abs(np.log(found.strength))))
+    return doubtful(
+        "strengths",
+        f"the lamps differ from the stated strengths by {spread:.2g} % (root mean square), {shading.names[far]} by a "
+        f"factor {found.strength[far]:.3g}",
+        "measure them with calibrate rig and give --rig, or state them",
+    )
+
+
+def lamps_check(shading: Shading, found: FittedLamps, to_world: Array) -> Check:
+    """Whether the direction of a lamp contradicts the others. to_world: (3, 3)."""
+    few, direction, wrong = found.even(shading.few()), found.direction, []
+    usual = float(np.median(_apart(direction, few.to_lamp)))
+    while len(wrong) < MOST_OFF:
+        k, moved = _worst(few, direction)
+        if k is None:
+            break
+        wrong.append((k, direction[k], float(_apart(direction, few.to_lamp)[k])))
+        few, direction = moved, _directions(moved)
+    if not wrong:
+        return good("lamps", f"directions agree with the shading to {usual:.1f}° (median)")
+    said = []
+    for k, towards, off in wrong:
+        x, y, z = to_world @ towards
+        said.append(f"the lamp of {shading.names[k]} is {off:.1f}° off: at ({x:.3f}, {y:.3f}, {z:.3f}) by the others")
+    return doubtful("lamps", "; ".join(said), "check its entry, or correct it so")
+
+
+def _worst(few: Shading, direction: Array) -> tuple[int | None, Shading]:
+    """The lamp that is off and whose photograph gains most by its own direction, or None; and with it moved."""
+    residual, _ = few.fit()
+    best, least, kept = None, OWN_MISFIT, few
+    for k in np.flatnonzero(_apart(direction, few.to_lamp) > OFF_DEG).tolist():
+        lamps = few.to_lamp.copy()
+        lamps[k] = direction[k]
+        own = few.usable[k]
+        after = loss(few.fit(lamps)[0][k], own) / max(loss(residual[k], own), 1e-9)
+        if after < least:
+            best, least, kept = k, after, replace(few, to_lamp=lamps)
+    return best, kept
+
+
+def _apart(one: Array, other: Array) -> Array:
+    """(K,) angles [°] between unit vectors."""
+    return np.degrees(np.arccos(np.clip(np.sum(one * other, axis=1), -1.0, 1.0)))

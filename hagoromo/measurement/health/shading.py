@@ -1,0 +1,120 @@
+"""Shading: a small sample of the photographs of an object under far lamps, and how well Lambert's law explains it.
+
+Photographs are binned to some hundred or thousand squares of pixels. The fit is that of `photograph.exponent`: robust
+against highlights and cast shadows. Axes: the camera's (OpenCV), x right, y down, z away from it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.measurement.photograph_checks import lamp_light, unfit
+from hagoromo.photograph.capture import Capture
+from hagoromo.photograph.exponent import DARK, OUTLIER, lambert_fit
+
+MOST_SQUARES = 1600  # of the sample
+FEWEST_SQUARES = 60
+MOST_FITTED = 8_000  # readings of a fit that is done many times
+LEAST_READINGS = 4  # of a square
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True, eq=False)
+class Shading:
+    """K photographs of P squares. values: (K, P) light over the lamp's, where usable (K, P). to_lamp: (K, 3) unit.
+    row, column: (P,) of the squares, of a picture `shape` of squares of `side` px; outline: (P, 2) unit, away from the
+    object in the picture (x, y), 0 where the square is not at its outline.
+    """
+
+    names: tuple[str, ...]
+    values: Array
+    usable: NDArray[np.bool_]
+    to_lamp: Array
+    row: Array
+    column: Array
+    shape: tuple[int, int]
+    side: int
+    outline: Array
+
+    def few(self) -> Shading:
+        """Fewer squares, for a fit that is done many times."""
+        step = max(-(-self.values.size // MOST_FITTED), 1)
+        part = np.s_[::step]
+        return replace(
+            self, values=self.values[:, part], usable=self.usable[:, part], row=self.row[part],
+            column=self.column[part], outline=self.outline[part],
+        )  # fmt: skip
+
+    def fit(self, to_lamp: Array | None = None) -> tuple[Array, Array]:
+        """Residuals (K, P) in errors of the model, and normal times albedo (P, 3), under lamps (default: as stated)."""
+        towards = self.to_lamp if to_lamp is None else to_lamp
+        largest = np.maximum(np.where(self.usable, self.values, 0.0).max(axis=0), 1e-300)
+        scaled = np.where(self.usable, self.values / largest, 1.0)
+        residual, g = lambert_fit(scaled, self.usable, np.broadcast_to(towards[:, None], (*scaled.shape, 3)))
+        return residual, g * largest[:, None]
+
+    def misfit(self, to_lamp: Array | None = None) -> float:
+        """Mean of Huber's loss of the residuals."""
+        return loss(self.fit(to_lamp)[0], self.usable)
+
+
+def loss(residual: Array, usable: NDArray[np.bool_]) -> float:
+    """Mean of Huber's loss."""
+    each = np.where(residual < OUTLIER, 0.5 * residual**2, OUTLIER * (residual - 0.5 * OUTLIER))
+    return float(each[usable].mean()) if usable.any() else 0.0
+
+
+def shading_of(capture: Capture) -> Shading | str:
+    """The sample of `capture`; in words why there is none."""
+    shots = capture.photographs
+    why = unfit(capture)
+    if why or any(shot.lamps[0].to_lamp is None for shot in shots):
+        return why or "near lamps, whose directions differ from place to place"
+    masks = np.stack([shot.mask for shot in shots])
+    object_mask = masks.sum(axis=0) >= 0.5 * len(shots)
+    side = max(int(np.ceil(np.sqrt(object_mask.sum() / MOST_SQUARES))), 1)
+    share = binned(object_mask.astype(np.float64), side)
+    inside = share > 0.5
+    if inside.sum() < FEWEST_SQUARES:
+        return f"the object has {int(object_mask.sum())} pixels only"
+    values, usable = [], []
+    for shot, mask in zip(shots, masks, strict=True):
+        grey = shot.values.astype(np.float64).sum(axis=2) / lamp_light(shot)
+        weight = binned((mask & np.isfinite(grey)).astype(np.float64), side)
+        total = binned(np.where(mask & np.isfinite(grey), grey, 0.0), side)
+        values.append((total / np.maximum(weight, 1e-9))[inside])
+        usable.append((weight > 0.9 * np.maximum(share, 1e-9))[inside])
+    light, known = np.stack(values), np.stack(usable)
+    known &= light > DARK * np.where(known, light, 0.0).max(axis=0)
+    enough = known.sum(axis=0) >= LEAST_READINGS
+    if enough.sum() < FEWEST_SQUARES:
+        return f"fewer than {FEWEST_SQUARES} places are lit by {LEAST_READINGS} lamps"
+    row, column = np.nonzero(inside)
+    to_camera = shots[0].camera.world_to_camera[:3, :3]
+    towards = np.array([shot.lamps[0].to_lamp for shot in shots], np.float64) @ to_camera.T
+    return Shading(
+        tuple(shot.name for shot in shots), light[:, enough], known[:, enough], towards, row[enough], column[enough],
+        inside.shape, side, _outline(inside)[row, column][enough],
+    )  # fmt: skip
+
+
+def binned(layer: Array, side: int) -> Array:
+    """Means over squares of `side` pixels."""
+    height, width = (n // side * side for n in layer.shape)
+    return layer[:height, :width].reshape(height // side, side, width // side, side).mean(axis=(1, 3))
+
+
+def _outline(inside: NDArray[np.bool_]) -> Array:
+    """(h, w, 2) unit (x, y) away from the object at its outline, 0 elsewhere and at the border of the picture."""
+    from scipy.ndimage import binary_erosion, gaussian_filter
+
+    down, across = np.gradient(gaussian_filter(inside.astype(np.float64), 1.5, mode="nearest"))
+    core: Any = binary_erosion(inside, iterations=2, border_value=1)
+    edge = inside & ~core
+    away = np.stack([-across, -down], axis=2)
+    length = np.linalg.norm(away, axis=2, keepdims=True)
+    return np.where(edge[..., None] & (length > 0.05), away / np.maximum(length, 1e-9), 0.0)
