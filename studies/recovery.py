@@ -14,7 +14,7 @@ import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,7 @@ from studies.recover_scenes import Shots, Simulated, Truth, around, near_lamp, s
 
 Array = NDArray[np.float64]
 SEED = 1
+TWO_SIDED = 1.959964  # standard errors of a 95 % interval
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,8 @@ class Case:
 class Row:
     """Scores of a case. new, far: PSNR of new views under lamps like those taken, and under lamps from the side [dB].
     normals: mean and median error [°]. surface: mean distance of true points from the surface, % of the lattice's edge.
-    beta, gamma: error [%]. held: whether both are in their 95 % intervals.
+    beta, gamma: error [%]. held: whether both are in their 95 % intervals. covered: share [%] of the true points, of
+    which 95 % intervals of position, normal and body colour hold the truth; None where errors are not stated.
     """
 
     case: str
@@ -53,6 +55,7 @@ class Row:
     beta: float
     gamma: float
     held: bool
+    covered: tuple[float, float, float] | None
     seconds: float
 
 
@@ -84,7 +87,8 @@ def measured(case: str, given: Case, aside: tuple[Simulated, Simulated], truth: 
     begin = time.process_time()
     found = hg.recover(capture, hg.RecoverySettings(side=given.side, keep=0, **settings))
     seconds = time.process_time() - begin
-    angles, distances = shape_errors(found, aside[0])
+    shown = shape_errors(found, aside[0])
+    angles, distances = shown.angles, shown.distances
     material = found.record()["material"]
     true = {"beta": truth.beta, "gamma": truth.gamma}
     held = all(material["interval_95"][k][0] <= v <= material["interval_95"][k][1] for k, v in true.items())
@@ -93,7 +97,7 @@ def measured(case: str, given: Case, aside: tuple[Simulated, Simulated], truth: 
     return Row(
         case, given.side, scores[0], scores[1], normals,
         100.0 * float(distances.mean()) / edge, 100.0 * (found.beta / truth.beta - 1.0),
-        100.0 * (found.gamma / truth.gamma - 1.0), held, seconds,
+        100.0 * (found.gamma / truth.gamma - 1.0), held, covered(found, shown, truth), seconds,
     )  # fmt: skip
 
 
@@ -107,18 +111,56 @@ def psnr(found: hg.Recovered, aside: Simulated) -> float:
     return float(10.0 * np.log10(peak**2 / np.mean(errors)))
 
 
-def shape_errors(found: hg.Recovered, aside: Simulated) -> tuple[Array, Array]:
-    """Angles of normals [°], and distances from the surface [m], at the true points of all pictures."""
-    jit, angles, distances = arrays(), [], []
-    for normals, points in zip(aside.normals, aside.points, strict=True):
-        there = np.isfinite(normals[..., 0])
-        places = found.lattice.from_world(points[there])
-        at = jit.Array3f(np.ascontiguousarray(places.T, np.float32))
-        slope = np.array(found.rendering.field.slope_at(at), np.float64).T
-        slope /= np.linalg.norm(slope, axis=1, keepdims=True)
-        angles.append(np.degrees(np.arccos(np.clip(np.einsum("ni,ni->n", slope, normals[there]), -1.0, 1.0))))
-        distances.append(np.abs(np.array(found.rendering.field.distance_at(at), np.float64)) * found.lattice.voxel)
-    return np.concatenate(angles), np.concatenate(distances)
+class Shown(NamedTuple):
+    """True points of the surface (n, 3) [m], how far the one that was found is from them (n,) [m], and angles of its
+    normals (n,) [°].
+    """
+
+    points: Array
+    distances: Array
+    angles: Array
+
+
+def shape_errors(found: hg.Recovered, aside: Simulated) -> Shown:
+    """The errors of the surface at the true points of all pictures."""
+    there = [np.isfinite(normals[..., 0]) for normals in aside.normals]
+    normals, points = (
+        np.concatenate([each[which] for each, which in zip(all_of, there, strict=True)])
+        for all_of in (aside.normals, aside.points)
+    )
+    at = places(found, points)
+    slope = np.array(found.rendering.field.slope_at(at), np.float64).T
+    slope /= np.linalg.norm(slope, axis=1, keepdims=True)
+    angles = np.degrees(np.arccos(np.clip(np.einsum("ni,ni->n", slope, normals), -1.0, 1.0)))
+    distances = np.abs(np.array(found.rendering.field.distance_at(at), np.float64)) * found.lattice.voxel
+    return Shown(points, distances, angles)
+
+
+def places(found: hg.Recovered, points: Array) -> Any:
+    """Points (n, 3) [m] as places of the lattice."""
+    return arrays().Array3f(np.ascontiguousarray(found.lattice.from_world(points).T, np.float32))
+
+
+def covered(found: hg.Recovered, shown: Shown, truth: Truth) -> tuple[float, float, float] | None:
+    """Share [%] of points of which 95 % intervals of position, normal and body colour hold the truth.
+
+    The angle of a normal has two components: 95 % are within √(−ln 0.05) times its root of the mean square.
+    """
+    if found.errors is None:
+        return None
+    at, field = places(found, shown.points), found.rendering.field
+    node = field.nearest_node(at)
+    errors = found.errors
+    position, normal = errors.position.ravel()[node], errors.normal.ravel()[node]
+    colour = errors.colour.reshape(-1, 3)[node]
+    points = arrays().Array3f(np.ascontiguousarray(shown.points.T, np.float32))
+    true, own = (np.stack([np.array(c) for c in each], 1) for each in (truth.colours(points), field.colours_at(at)))
+    held = (
+        shown.distances < TWO_SIDED * position,
+        np.radians(shown.angles) < np.sqrt(-np.log(0.05)) * normal,
+        np.abs(own - true) < TWO_SIDED * colour,
+    )
+    return tuple(float(100.0 * each.mean()) for each in held)  # type: ignore[return-value]
 
 
 def real(name: str, data: Path, side: int, keep: int = 8) -> dict[str, Any]:

@@ -123,6 +123,7 @@ def capture_views(
     with whole_folder(out, force) as home:
         frames, lamps, masked = _write_frames(found, lit, given, reader, response, home, own)
         assumptions["mask"] = _said_of_masks(given, masked, len(frames))
+        frames = [given.exif.without_unstated(frame) for frame in frames]
         write_frames(home, frames, lamps, {"assumptions": assumptions}, response)
         write_json(home / RESIDUALS, _record(found, size, settings))
         _write_points(found, home / POINTS)
