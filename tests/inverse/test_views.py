@@ -117,6 +117,15 @@ def test_too_little_of_known_size_is_refused(given, said):
         scale_of(given, structure(VIEWS), no_picture)
 
 
+def test_a_mark_in_another_place_is_named():
+    known = Marks()
+    marks = {name: known.seen_by(view) for name, view in VIEWS.items()}
+    x1, y1, x2, y2 = marks["view02.png"]
+    marks["view02.png"] = x1, y1, x2 + 90.0, y2
+    with pytest.raises(InputError, match=r"view02.png shows it \d+ px from where the other photographs have it"):
+        scale_of(hg.KnownLength(known.length, marks), structure(VIEWS, SIZE), no_picture)
+
+
 @pytest.mark.parametrize("entry", ["a.jpg,1,2,3", "a.jpg,1,2,3,-4", "1,2,3,4", "a.jpg,1,2,3,nan", ""])
 def test_marks_of_another_form_are_refused(entry):
     with pytest.raises(InputError, match="PHOTOGRAPH,x1,y1,x2,y2"):

@@ -17,13 +17,16 @@ from numpy.typing import NDArray
 
 from hagoromo.calibration.camera.board import Board
 from hagoromo.calibration.views.structure import Structure
+from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
 from hagoromo.least_squares.fit_status import scipy_status
 
 Array = NDArray[np.float64]
+Metres = Callable[[Array], tuple[float, Array]]
 LEAST_SHOWN = 2  # photographs that fix a place in space
 BY_HAND = 1.0  # [px] standard error of what a person marks, at least
 BY_PROGRAM = 0.05  # [px] of corners of a board, at least
+CONTRADICTION = 0.02  # of the longer side of a photograph, by which its marks may be off
 AROUND = 24  # points of a ball's outline that stand for it
 NUMBER = r"(\d{1,6}(?:\.\d{1,6})?)"
 
@@ -171,7 +174,7 @@ def _by_length(length: float, seen: Mapping[str, Array], structure: Structure) -
         return length / units, np.concatenate([apart, -apart]) / units**2
 
     start = triangulated(seen, structure).ravel()
-    return _fitted(start, residuals, tuple(seen), f"a length of {length:g} m", BY_HAND, metres)
+    return _Fit(residuals, metres, f"a length of {length:g} m", BY_HAND).scale(start, _shown_by(seen, structure))
 
 
 def _by_points(points: Array, seen: Mapping[str, Array], structure: Structure, source: str) -> Scale:
@@ -192,7 +195,7 @@ def _by_points(points: Array, seen: Mapping[str, Array], structure: Structure, s
         placed = np.exp(x[0]) * own @ Rotation.from_rotvec(x[1:4]).as_matrix().T + x[4:]
         return (structure.views[name].project(placed) - seen[name])[np.isfinite(seen[name][:, 0])].ravel()
 
-    return _fitted(start, residuals, tuple(seen), source, BY_PROGRAM, lambda x: (np.exp(-x[0]), -np.eye(len(x))[0]))
+    return _Fit(residuals, _by_first(1.0), source, BY_PROGRAM).scale(start, _shown_by(seen, structure))
 
 
 def _by_ball(given: KnownBall, structure: Structure) -> Scale:
@@ -219,34 +222,59 @@ def _by_ball(given: KnownBall, structure: Structure) -> Scale:
         return np.mean(camera.focal) * (angle - touching) / np.sqrt(AROUND / 3.0)  # three numbers were read
 
     source = f"a ball of {given.radius:g} m"
-    return _fitted(
-        start, residuals, tuple(placed), source, BY_HAND, lambda x: (given.radius * np.exp(-x[0]), -np.eye(len(x))[0])
-    )
+    return _Fit(residuals, _by_first(given.radius), source, BY_HAND).scale(start, _shown_by(placed, structure))
 
 
-def _fitted(
-    start: Array,
-    residuals: Callable[[Array, str], Array],
-    names: tuple[str, ...],
-    source: str,
-    least: float,
-    metres: Callable[[Array], tuple[float, Array]],
-) -> Scale:
-    """The scale by least squares of all photographs. metres: parameters → scale, and the gradient of its logarithm."""
-    from scipy.optimize import least_squares
+def _shown_by(seen: Mapping[str, object], structure: Structure) -> dict[str, Camera]:
+    """The cameras of the photographs that show something."""
+    return {name: structure.views[name] for name in seen}
 
-    fit = least_squares(lambda x: np.concatenate([residuals(x, name) for name in names]), start, x_scale="jac")
-    if not scipy_status(fit).converged:
-        raise InputError(f"{source} gives no scale: its fit does not converge; check what is marked")
-    counts = np.cumsum([len(residuals(fit.x, name)) for name in names])[:-1]
-    size, gradient = metres(fit.x)
-    influence = np.linalg.pinv(fit.jac.T @ fit.jac) @ gradient
-    free = max(len(fit.fun) - len(fit.x), 1)
-    variance = max(float((fit.fun**2).sum()) / free, least**2) * float(gradient @ influence)
-    scores = [jac.T @ rest for jac, rest in zip(np.split(fit.jac, counts), np.split(fit.fun, counts), strict=True)]
-    between = len(names) / (len(names) - 1.0) * sum((influence @ score) ** 2 for score in scores)
-    rms = float(np.sqrt(2.0 * (fit.fun**2).mean()))
-    return Scale(float(size), float(np.sqrt(max(variance, between))), rms, source, names)
+
+def _by_first(length: float) -> Metres:
+    """The scale of a fit whose first parameter is the logarithm of a `length` in the unit of the structure."""
+    return lambda x: (length * np.exp(-x[0]), -np.eye(len(x))[0])
+
+
+class _Fit(NamedTuple):
+    """residuals: parameters, name of a photograph → residuals [px]. metres: parameters → scale, and the gradient of its
+    logarithm. source: in words. least: standard error of a residual, at least [px].
+    """
+
+    residuals: Callable[[Array, str], Array]
+    metres: Metres
+    source: str
+    least: float
+
+    def scale(self, start: Array, cameras: Mapping[str, Camera]) -> Scale:
+        """The scale by least squares of all photographs. `InputError` where they contradict each other."""
+        from scipy.optimize import least_squares
+
+        def of_all(x: Array) -> Array:
+            return np.concatenate([self.residuals(x, name) for name in cameras])
+
+        fit = least_squares(of_all, start, x_scale="jac")
+        if not scipy_status(fit).converged:
+            raise InputError(f"{self.source} gives no scale: its fit does not converge; check what is marked")
+        parts = {name: self.residuals(fit.x, name) for name in cameras}
+        self._check(parts, cameras)
+        size, gradient = self.metres(fit.x)
+        influence = np.linalg.pinv(fit.jac.T @ fit.jac) @ gradient
+        free = max(len(fit.fun) - len(fit.x), 1)
+        variance = max(float((fit.fun**2).sum()) / free, self.least**2) * float(gradient @ influence)
+        jacobians = np.split(fit.jac, np.cumsum([len(part) for part in parts.values()])[:-1])
+        pulls = [float(influence @ own.T @ part) for own, part in zip(jacobians, parts.values(), strict=True)]
+        between = len(parts) / (len(parts) - 1.0) * float(np.square(pulls).sum())
+        rms = float(np.sqrt(2.0 * (fit.fun**2).mean()))
+        return Scale(float(size), float(np.sqrt(max(variance, between))), rms, self.source, tuple(cameras))
+
+    def _check(self, parts: Mapping[str, Array], cameras: Mapping[str, Camera]) -> None:
+        worst = max(parts, key=lambda name: float(np.abs(parts[name]).max()))
+        off, camera = float(np.abs(parts[worst]).max()), cameras[worst]
+        if off > CONTRADICTION * max(camera.width, camera.height):
+            raise InputError(
+                f"{self.source} is not in one place: {worst} shows it {off:.0f} px from where the other photographs "
+                "have it; check what is marked there, and that it did not move"
+            )
 
 
 def _check_length(length: float, what: str) -> None:

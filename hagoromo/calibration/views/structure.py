@@ -88,7 +88,7 @@ class Structure:
 
 
 def _axes(up: Array, ahead: Array) -> Array:
-    """Rotation whose rows are x, y and z: z along `up`, y as far as it can along `ahead`."""
+    """Rotation whose rows are x, y and z: z along `up`, y nearest to `ahead`."""
     z = up / max(float(np.linalg.norm(up)), 1e-12)
     y = ahead - (ahead @ z) * z
     if np.linalg.norm(y) < 1e-6 or np.linalg.norm(z) < 0.5:
