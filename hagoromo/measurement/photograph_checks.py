@@ -127,6 +127,8 @@ def moved(photographs: Sequence[Photograph]) -> dict[str, tuple[float, float]]:
     total, shifts = np.sum(marks, axis=0), {}
     for photograph, own in zip(photographs, marks, strict=True):
         others = (total - own) / (len(marks) - 1)
+        if not (own.any() and others.any()):
+            continue
         rows, columns = phase_cross_correlation(others * window, own * window, upsample_factor=STEPS_PER_PIXEL)[0]
         back = shift(own, (rows, columns), order=3, mode="nearest")
         still, shifted = (_correlation(others, p) for p in (own, back))

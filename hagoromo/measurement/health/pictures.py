@@ -93,7 +93,7 @@ def mask_check(capture: Capture) -> Check:
     border = np.zeros_like(mask)
     border[REACH:-REACH, REACH:-REACH] = True
     if (border & (np.abs(signed) < 1.0)).sum() < FEWEST_EDGE:
-        return not_testable("mask", "it ends at the border of the pictures")
+        return not_testable("mask", "hardly any of its edge lies inside of the pictures")
     largest = np.max([np.nan_to_num(shot.values).mean(axis=2) for shot in shots], axis=0).astype(np.float64)
     light = np.log(largest + FAINT * max(float(np.quantile(largest[mask], 0.9)), 1e-30))
     down, across = np.gradient(gaussian_filter(light, 0.7))
