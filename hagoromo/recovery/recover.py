@@ -50,7 +50,7 @@ class RecoverySettings:
     the object's own shadows are taken into account. seed: of the pixels that are drawn. light: what light is fixed to
     where no lamp is known; "even": to the object, without dependence on the normal; "auto": the one of the three that
     predicts best. refine: whether one small turn of all cameras is estimated ("cameras"), or "none"; "auto": where no
-    lamp is known.
+    lamp is known, if it predicts better.
     """
 
     side: int = 128
@@ -98,17 +98,16 @@ def recover(
     aside = kept_aside(len(views), settings.keep)
     used, kept = (tuple(v for v, out in zip(views, aside, strict=True) if out == which) for which in (False, True))
     lit = any(p.lamps for p in photographs)
-    turn = CameraTurn([v.photograph for v in used]) if settings.refine == "cameras" or not lit else None
-    look = Look(None, None if settings.refine == "none" else turn, {})
+    look = Look(None, CameraTurn([v.photograph for v in used]) if settings.refine == "cameras" else None, {})
     if not lit:
-        coarse = replace(settings, side=min(SIDE, settings.side), refine="none" if look.turn is None else "cameras")
+        coarse = replace(settings, side=min(SIDE, settings.side))
         of_look = part_of(progress, 0.0, LOOK_SHARE, "first look")
 
-        def looked_at(some: Views, others: Views, light: UnknownLight | None) -> Recovered:
-            turn = None if look.turn is None else CameraTurn([v.photograph for v in some])
+        def looked_at(some: Views, others: Views, light: UnknownLight | None, turning: bool) -> Recovered:
+            turn = CameraTurn([v.photograph for v in some]) if turning else None
             return _recovered(some, others, coarse, Look(light, turn, {}), of_look)
 
-        look = first_look(used, settings.light, looked_at)
+        look = first_look(used, settings.light, settings.refine, looked_at)
         progress = part_of(progress, LOOK_SHARE, 1.0 - LOOK_SHARE)
     found = _recovered(used, kept, settings, look, progress)
     return replace(found, name=taken.name, assumptions=dict(taken.assumptions))

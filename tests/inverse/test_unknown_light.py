@@ -121,7 +121,7 @@ def test_cameras_that_all_look_aside_are_turned_and_those_kept_aside_with_them(s
 
 @pytest.mark.nightly
 def test_exact_cameras_stay(standing):
-    found = hg.recover(standing, replace(SETTINGS, light="even"))
+    found = hg.recover(standing, replace(SETTINGS, light="even", refine="cameras"))
     assert found.turn is not None
     assert np.abs(found.turn.vector[:2] / found.turn.pixel).max() < 0.4  # px
 
