@@ -53,7 +53,7 @@ def recover(
             object turns before it); even: the object, and body colours alone hold it. auto tries all three and takes
             the one that predicts best.
         refine: cameras: one small turn of all cameras together is estimated, as of a principal point that is some
-            pixels wrong. auto: where no lamps are known.
+            pixels wrong. auto: where no lamps are known, if it predicts better.
     """
     if out.suffix != ".zarr":
         raise InputError(f"{out} is no name of a volume box: give one that ends in .zarr")
