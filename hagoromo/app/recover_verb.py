@@ -58,7 +58,7 @@ def recover(
             object turns before it); even: the object, and body colours alone hold it. auto tries all three and takes
             the one that predicts best.
         refine: cameras: one small turn of all cameras together is estimated, as of a principal point that is some
-            pixels wrong. auto: where no lamps are known.
+            pixels wrong. auto: where no lamps are known, if it predicts better.
         resume: go on from BOX.checkpoint.npz, with the same capture and options. The result has the same bits.
     """
     if out.suffix != ".zarr":

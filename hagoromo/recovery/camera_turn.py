@@ -21,6 +21,7 @@ from hagoromo.recovery.rendering import Rendering, SeenLight
 Array = NDArray[np.float64]
 PRIOR = 3.0  # [px] standard deviation of the turn, known beforehand
 DIFFERENCE = 0.5  # [px] of the derivatives by differences
+LARGEST = 1.0  # [px] of a step
 DAMPED = 0.5  # share of a step of Gauss and Newton that is taken
 
 
@@ -54,7 +55,8 @@ class CameraTurn:
         matrix = copies * np.einsum("cn,icn,jcn->ij", weights, slopes, slopes) + prior * np.eye(3)
         residual = np.stack([np.array(each, np.float64) for each in rest])
         side = copies * np.einsum("cn,icn,cn->i", weights, slopes, residual) - prior * self.vector
-        self.vector = self.vector + DAMPED * np.linalg.solve(matrix, side)
+        change = DAMPED * np.linalg.solve(matrix, side)
+        self.vector = self.vector + np.clip(change, -LARGEST * self.pixel, LARGEST * self.pixel)
         self.apply(pixels)
 
     def _slopes(self, rendering: Rendering, pixels: PixelTable, chunks: NDArray[np.integer], base: SeenLight) -> Array:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hagoromo.recovery.camera_turn import CameraTurn
-from hagoromo.recovery.choices import Light
+from hagoromo.recovery.choices import Light, Refine
 from hagoromo.recovery.given import kept_aside
 from hagoromo.recovery.object_view import ObjectView
 from hagoromo.recovery.unknown_light import UnknownLight
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 KINDS: tuple[Light, ...] = ("even", "object", "camera")
 SIDE = 48  # nodes along the longest edge
 KEEP = 5  # every how many photographs one judges
-BETTER = 0.2  # dB by which a light that depends on the normal must predict better than an even one
+BETTER = 0.2  # dB by which a light that depends on the normal, or a turn of the cameras, must predict better than none
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,24 +50,39 @@ def unknown_light(kind: Light, views: Sequence[ObjectView]) -> UnknownLight | No
 def first_look(
     views: Sequence[ObjectView],
     kind: Light,
-    coarse: Callable[[tuple[ObjectView, ...], tuple[ObjectView, ...], UnknownLight | None], Recovered],
+    refine: Refine,
+    coarse: Callable[[tuple[ObjectView, ...], tuple[ObjectView, ...], UnknownLight | None, bool], Recovered],
 ) -> Look:
-    """The light and the turn of some views. coarse: recovers from used views and kept ones under a kind of light.
+    """The light and the turn of some views. coarse: recovers from used views and kept ones under a kind of light, with
+    cameras that turn or not. A turn is taken where it predicts better, if `refine` leaves that open.
 
     `KeyboardInterrupt` where a coarse recovery was interrupted: there is nothing to give yet.
     """
     aside = kept_aside(len(views), KEEP)
     used, kept = (tuple(v for v, out in zip(views, aside, strict=True) if out == which) for which in (False, True))
-    found: dict[str, Recovered] = {}
+    found: dict[Light, Recovered] = {}
     for each in KINDS if kind == "auto" and kept else ("even" if kind == "auto" else kind,):
-        found[each] = coarse(used, kept, unknown_light(each, used))
-        if not found[each].complete:
-            raise KeyboardInterrupt
-    tried = {each: float(np.mean([s.psnr for s in one.scores()])) for each, one in found.items()} if kept else {}
+        found[each] = _complete(coarse(used, kept, unknown_light(each, used), refine != "none"))
+    tried = {each: _psnr(one) for each, one in found.items()} if kept else {}
     best = max(found, key=lambda each: tried.get(each, 0.0) - (0.0 if each == "even" else BETTER))
+    if refine == "auto" and kept:
+        stated = _complete(coarse(used, kept, unknown_light(best, used), False))
+        if tried[best] < _psnr(stated) + BETTER:
+            found[best] = stated
     turn, unknown, photographs = found[best].turn, found[best].unknown, [v.photograph for v in views]
     return Look(
         None if unknown is None else unknown.of(photographs),
         None if turn is None else CameraTurn(photographs, turn.vector),
         tried,
     )
+
+
+def _complete(found: Recovered) -> Recovered:
+    if not found.complete:
+        raise KeyboardInterrupt
+    return found
+
+
+def _psnr(found: Recovered) -> float:
+    """Mean over the photographs that judge [dB]."""
+    return float(np.mean([score.psnr for score in found.scores()]))

@@ -45,7 +45,7 @@ class RecoverySettings:
     own, too, so that the errors of places are known: that doubles the time. seed: of the pixels that are drawn.
     light: what light is fixed to where no lamp is known; "even": to the object, without dependence on the normal;
     "auto": the one of the three that predicts best. refine: whether one small turn of all cameras is estimated
-    ("cameras"), or "none"; "auto": where no lamp is known.
+    ("cameras"), or "none"; "auto": where no lamp is known, if it predicts better.
     """
 
     side: int = 128
@@ -101,16 +101,16 @@ def recover(
     used, kept = (tuple(v for v, out in zip(views, aside, strict=True) if out == which) for which in (False, True))
     kept_work = Work(None if work is None else Path(work), photographs, asdict(settings))
     lit = any(p.lamps for p in photographs)
-    turned = settings.refine == "cameras" or (settings.refine == "auto" and not lit)
-    look = Look(None, CameraTurn([v.photograph for v in used]) if turned else None, {})
+    look = Look(None, CameraTurn([v.photograph for v in used]) if settings.refine == "cameras" else None, {})
     if not lit:
-        coarse = replace(settings, side=min(SIDE, settings.side), refine="cameras" if turned else "none", errors=False)
+        coarse = replace(settings, side=min(SIDE, settings.side), errors=False)
         of_look = part_of(progress, 0.0, LOOK_SHARE, "first look")
 
-        def looked_at(some: Views, others: Views, light: UnknownLight | None) -> Recovered:
-            return _recovered(some, others, coarse, look.afresh(some, light), of_look, Work(None, (), {}))
+        def looked_at(some: Views, others: Views, light: UnknownLight | None, turning: bool) -> Recovered:
+            turn = CameraTurn([v.photograph for v in some]) if turning else None
+            return _recovered(some, others, coarse, Look(light, turn, {}), of_look, Work(None, (), {}))
 
-        known = kept_work.found.look or FoundLook.of(first_look(used, settings.light, looked_at))
+        known = kept_work.found.look or FoundLook.of(first_look(used, settings.light, settings.refine, looked_at))
         kept_work.keep(look=known)
         look = known.of_views(used)
         progress = part_of(progress, LOOK_SHARE, 1.0 - LOOK_SHARE)

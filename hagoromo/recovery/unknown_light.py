@@ -26,6 +26,10 @@ DARKEST = 0.02  # irradiance at least, of its mean
 RIDGE = 1e-3  # of the mean eigenvalue: what no photograph shows stays 0
 OPAQUE = 0.9  # opacity from which a pixel shows the surface alone
 DAMPED = 0.5  # share of a step that is taken
+MEAN_CHANGE = (0.5, 2.0)  # factors on body colours in a step, at most
+# rows of the first and of the second order, and the largest root of their sum of squares: that of one far lamp, as
+# light is not negative
+BANDS = ((slice(1, 4), 2.0 / np.sqrt(3.0)), (slice(4, TERMS), 0.25 * np.sqrt(5.0)))
 
 
 def harmonics(n: Array3f) -> list[Float]:
@@ -34,6 +38,16 @@ def harmonics(n: Array3f) -> list[Float]:
     x, y, z = n[0], n[1], n[2]
     linear = [a * x, a * y, a * z]
     return [0.0 * x + 1.0, *linear, b * x * y, b * y * z, b * z * x, 0.5 * b * (x * x - y * y), c * (3.0 * z * z - 1.0)]
+
+
+def within_bounds(coefficients: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Coefficients (TERMS, COLOURS) of a light of mean 1, those of higher orders no larger than light can have them."""
+    bounded = np.array(coefficients, np.float64)
+    bounded[0] = 1.0
+    for rows, most in BANDS:
+        length = np.sqrt((bounded[rows] ** 2).sum(axis=0))
+        bounded[rows] *= np.minimum(1.0, most / np.maximum(length, most))
+    return bounded
 
 
 class UnknownLight:
@@ -98,6 +112,6 @@ class UnknownLight:
             if matrix[0, 0] > 0.0:
                 side = weighted.T @ np.array(drawn.values[c], np.float64)[hit]
                 new[:, c] += DAMPED * (np.linalg.solve(matrix, side) - new[:, c])
-        mean = np.maximum(new[0], DARKEST)
-        self._set(new / mean)
+        mean = np.clip(new[0], *MEAN_CHANGE)
+        self._set(within_bounds(new / mean))
         field.scale_colours(mean)

@@ -12,7 +12,7 @@ from hagoromo.recovery.lattice import Lattice
 from hagoromo.recovery.object_view import ObjectView
 from hagoromo.recovery.pixel_table import UNLIT_ERROR, PixelTable
 from hagoromo.recovery.recovered import score
-from hagoromo.recovery.unknown_light import TERMS, UnknownLight, harmonics
+from hagoromo.recovery.unknown_light import BANDS, TERMS, UnknownLight, harmonics, within_bounds
 from studies.recover_scenes import Shots, Truth, around, simulated
 
 SETTINGS = hg.RecoverySettings(side=32, steps=60, rays=1 << 13, keep=8)
@@ -60,6 +60,24 @@ def test_harmonics_are_orthonormal_over_all_directions():
     assert np.allclose(table @ table.T / 4096, np.eye(TERMS), atol=5e-3)
 
 
+def test_bounds_of_light_are_reached_by_one_far_lamp_and_hold_for_others():
+    """Over evenly spread normals: irradiance by one far lamp, scaled to a mean of 1, and by many."""
+    random, jit = np.random.default_rng(9), arrays()
+    normals = random.normal(size=(3, 200_000))
+    normals /= np.linalg.norm(normals, axis=0)
+    terms = np.stack([np.array(t) for t in harmonics(jit.Array3f(*(jit.Float(x) for x in normals)))])
+    for lamps in (1, 5):
+        ways = random.normal(size=(lamps, 3))
+        ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+        light = np.maximum(ways @ normals, 0.0).sum(axis=0)
+        numbers = np.repeat((terms @ (light / light.mean()) / light.size)[:, None], 3, axis=1)
+        lengths = np.array([np.linalg.norm(numbers[rows, 0]) / most for rows, most in BANDS])
+        assert (lengths < 1.02).all() and (lamps > 1 or (lengths > 0.98).all())
+        assert np.allclose(within_bounds(numbers), numbers, rtol=0.0, atol=0.03)
+    wild = within_bounds(1e6 * np.ones((TERMS, 3)))
+    assert np.allclose(wild[0], 1.0) and np.allclose(np.linalg.norm(wild[1:4], axis=0), BANDS[0][1])
+
+
 def test_light_that_is_fixed_to_the_camera_turns_with_it(moving):
     photographs, jit = moving.photographs, arrays()
     numbers = np.zeros((TERMS, 3))
@@ -103,7 +121,7 @@ def test_cameras_that_all_look_aside_are_turned_and_those_kept_aside_with_them(s
 
 @pytest.mark.nightly
 def test_exact_cameras_stay(standing):
-    found = hg.recover(standing, replace(SETTINGS, light="even"))
+    found = hg.recover(standing, replace(SETTINGS, light="even", refine="cameras"))
     assert found.turn is not None
     assert np.abs(found.turn.vector[:2] / found.turn.pixel).max() < 0.4  # px
 
