@@ -35,11 +35,11 @@ class Look:
     turn: CameraTurn | None
     tried: Mapping[str, float]
 
-    def afresh(self, views: Sequence[ObjectView], unknown: UnknownLight | None = None) -> Look:
-        """The same for other views. unknown: the light to begin with, else this one."""
-        photographs, light = [v.photograph for v in views], unknown or self.unknown
+    def afresh(self, views: Sequence[ObjectView]) -> Look:
+        """The same for other views."""
+        photographs = [v.photograph for v in views]
         turn = None if self.turn is None else CameraTurn(photographs, self.turn.vector)
-        return Look(None if light is None else light.of(photographs), turn, self.tried)
+        return Look(None if self.unknown is None else self.unknown.of(photographs), turn, self.tried)
 
 
 def unknown_light(kind: Light, views: Sequence[ObjectView]) -> UnknownLight | None:
