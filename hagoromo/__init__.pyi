@@ -152,6 +152,7 @@ from .image.relight.relight import relight as relight
 
 # A box from photographs of many views
 from .recovery.recovered import Recovered as Recovered, RecoveredMesh as RecoveredMesh, Score as Score
+from .recovery.errors import Errors as Errors
 from .recovery.evidence import Evidence as Evidence
 from .recovery.recover import RecoverySettings as RecoverySettings, recover as recover
 

@@ -30,6 +30,7 @@ COLOUR_RATE = 0.06  # of a body colour, likewise
 LAST_RATE = 0.1  # factor on the rates of the last step
 LARGEST_CHANGE, LEAST_COLOUR = 0.3, 1e-4  # [voxel] of a distance in a step; of a body colour
 EIKONAL, BENDING = 2.0, 0.2  # of |∇d| from 1, and of the Laplacian of d, in units of a pixel's squared error
+EVENNESS = 30.0  # of the differences of body colours of neighbours, likewise: it decides where pixels say nothing
 SILHOUETTE = 100.0  # of a pixel's opacity, likewise
 GLOSS_EVERY, LIGHT_EVERY = 3, 2  # steps after which the gloss, and unknown light, are fitted
 TURN_EVERY, TURN_SHARE = 5, 4  # steps after which cameras turn; by every how many of the drawn chunks
@@ -170,10 +171,21 @@ class Descent:
         dr.scatter_reduce(dr.ReduceOp.Add, field.distance, -change, self.nodes, mode=dr.ReduceMode.NoConflicts)
         for c in range(COLOURS):
             index = self.nodes * COLOURS + c
-            change = self.by_colours[c].step(dr.gather(jit.Float, by_colours, index), colour_rate)
+            slope = dr.gather(jit.Float, by_colours, index) + self._evenness_slope(c)
+            change = self.by_colours[c].step(slope, colour_rate)
             new = dr.fmax(dr.gather(jit.Float, field.colours, index) - change, LEAST_COLOUR)
             dr.scatter(field.colours, new, index, mode=dr.ReduceMode.NoConflicts)
         dr.eval(field.distance, field.colours)
+
+    def _evenness_slope(self, channel: int) -> Float:
+        """Gradient of what gives places that no light reaches the colours of their neighbours."""
+        jit, field = arrays(), self.field
+
+        def at(node: UInt) -> Float:
+            return dr.gather(jit.Float, field.colours, node * COLOURS + channel)
+
+        around = sum(at(self.nodes - row) + at(self.nodes + row) for row in field.rows)
+        return (EVENNESS / dr.width(self.nodes)) * (6.0 * at(self.nodes) - around)
 
 
 def smoothness_slope(field: DistanceField, nodes: UInt) -> Float:
