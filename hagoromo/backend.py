@@ -23,7 +23,6 @@ Bool: TypeAlias = Any
 Int: TypeAlias = Any  # 32 bits
 Int64: TypeAlias = Any
 UInt: TypeAlias = Any  # 32 bits
-Int64: TypeAlias = Any
 Array3f: TypeAlias = Any  # vector or point: x, y, z
 Array4f: TypeAlias = Any
 Array4u: TypeAlias = Any

@@ -151,6 +151,7 @@ def test_errors_of_places_are_about_those_that_there_are(taken, aside):
     """On one level of the lattice, so that its own error is not in them: that of normals is."""
     found = hg.recover(taken.capture, replace(SETTINGS, steps=30, errors=True))
     errors, near = found.errors, np.abs(found.distance) < 1.0
+    assert errors is not None
     assert np.isfinite(errors.position[near]).all() and np.isnan(errors.position[~near]).all()
     angles, stated = [], []
     for photograph, normals in zip(aside[0].capture.photographs, aside[0].normals, strict=True):
@@ -205,8 +206,10 @@ def test_work_that_goes_on_ends_with_the_same_bits(taken, tmp_path, at, lamps):
     assert resumed.complete and not work.exists()
     for name in ("distance", "colours", "gloss"):
         assert np.array_equal(getattr(resumed, name), getattr(whole, name))
+    assert resumed.evidence is not None and whole.evidence is not None
     assert np.array_equal(resumed.evidence.covariance, whole.evidence.covariance)
     if lamps:
+        assert resumed.errors is not None and whole.errors is not None
         assert np.array_equal(resumed.errors.position, whole.errors.position, equal_nan=True)
 
 
