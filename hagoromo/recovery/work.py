@@ -119,7 +119,7 @@ class Work:
 
 
 def _key(photographs: Sequence[Photograph], settings: Mapping[str, Any]) -> str:
-    """What tells photographs and settings from others."""
+    """A digest of photographs and settings: others have another one."""
     key = hashlib.sha256(json.dumps(dict(settings), sort_keys=True).encode())
     for p in photographs:
         for array in (p.values, p.variance, p.mask, p.camera.world_to_camera):
