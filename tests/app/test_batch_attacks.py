@@ -19,6 +19,7 @@ from hagoromo.app.batch.batch_file import read_batch
 from hagoromo.app.batch.batch_record import VERBS
 from hagoromo.app.shared_options import SchedulerOptions, SensorOptions
 from hagoromo.app.verb import written_by_verb
+from hagoromo.app.views_options import ViewsOptions
 from hagoromo.errors import InputError
 from hagoromo.files import content as content_module
 from hagoromo.files.table import write_table
@@ -148,12 +149,13 @@ def leaves(kind: Any) -> set[Any]:
 
 def test_the_types_of_all_values_are_known():
     """A new type of an option has to say whether it names a file, or a recipe that has it is refused."""
-    known = {Path, str, int, float, bool, type(None), SensorOptions, SchedulerOptions}
+    records = SensorOptions, SchedulerOptions, ViewsOptions
+    known = {Path, str, int, float, bool, type(None), *records}
     for function in COMMANDS:
         hints = typing.get_type_hints(cli.parsed([*words_of(function), "--out", "x"]).args[0], include_extras=True)
         found = set().union(*(leaves(hint) for name, hint in hints.items() if name != "return"))
         assert found <= known, function
-    fields = [hint for record in (SensorOptions, SchedulerOptions) for hint in typing.get_type_hints(record).values()]
+    fields = [hint for record in records for hint in typing.get_type_hints(record).values()]
     assert set().union(*map(leaves, fields)) <= known
 
 

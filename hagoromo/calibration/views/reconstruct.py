@@ -231,7 +231,8 @@ class _Search:
             partners.setdefault(first, []).append(second)
         for done, (first, others) in enumerate(partners.items()):
             progress(done / len(partners), self.names[_name(first)])
-            pairing.match_list_path.write_text("".join(f"{_name(first)} {_name(other)}\n" for other in others))
+            listed = "".join(f"{_name(first)} {_name(other)}\n" for other in others)
+            pairing.match_list_path.write_text(listed, encoding="utf-8")
             package.set_random_seed(self.settings.seed)  # anew, so that work which goes on ends as work not cut off
             package.match_image_pairs(self.base, matching, pairing, geometry, package.Device.cpu)
         pairing.match_list_path.unlink(missing_ok=True)
