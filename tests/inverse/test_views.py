@@ -5,8 +5,8 @@ import pytest
 from scipy.stats import chi2
 
 import hagoromo as hg
-from hagoromo.calibration.views.known_length import Scale, read_marks, scale_of
-from hagoromo.calibration.views.reconstruct import ALL_PAIRS, NEIGHBOURS, pairs_of
+from hagoromo.calibration.views.known_length import FoundScale, read_marks, scale_of
+from hagoromo.calibration.views.reconstruct import ALL_PAIRS, NEIGHBOURS, StatedLens, pairs_of
 from hagoromo.errors import InputError
 from tests.inverse.simulated_views import BOARD, MIDDLE, RADIUS, Marks, camera, picture, ring, structure
 
@@ -44,7 +44,7 @@ def test_photographs_that_look_away_from_each_other_are_refused():
         structure(away).upright()
 
 
-def marked(noise: float, seed: int, count: int = 5) -> Scale:
+def marked(noise: float, seed: int, count: int = 5) -> FoundScale:
     random, known = np.random.default_rng(seed), Marks()
     marks = {
         name: tuple(np.array(known.seen_by(view)) + random.normal(scale=max(noise, 1e-12), size=4))
@@ -169,10 +169,9 @@ def test_few_photographs_are_matched_in_all_pairs_and_many_with_their_neighbours
 
 
 def test_the_lens_of_a_file_keeps_its_figures_in_reduced_pictures():
-    from hagoromo.calibration.views.reconstruct import Lens
 
     view = camera(0.0)
-    model, figures = Lens((400, 300), camera=view).model((200, 150), 1)
+    model, figures = StatedLens((400, 300), camera=view).model((200, 150), 1)
     assert model == "FULL_OPENCV" and figures[:5] == [210.0, 210.0, 100.0, 75.0, -0.12]
-    assert Lens((400, 300), focal=420.0).model((200, 150), 2) == ("RADIAL", [210.0, 100.0, 75.0, 0.0, 0.0])
-    assert Lens((400, 300)).model((200, 150), 0) == ("SIMPLE_PINHOLE", [])
+    assert StatedLens((400, 300), focal=420.0).model((200, 150), 2) == ("RADIAL", [210.0, 100.0, 75.0, 0.0, 0.0])
+    assert StatedLens((400, 300)).model((200, 150), 0) == ("SIMPLE_PINHOLE", [])

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 
 from hagoromo.calibration.camera.board import Board
-from hagoromo.calibration.views.known_length import KnownBall, KnownLength, Scale, scale_of
-from hagoromo.calibration.views.reconstruct import Lens, ViewsSettings, colmap, read_structure, reconstruct
+from hagoromo.calibration.views.known_length import FoundScale, KnownBall, KnownLength, scale_of
+from hagoromo.calibration.views.reconstruct import StatedLens, ViewsSettings, colmap, read_structure, reconstruct
 from hagoromo.calibration.views.structure import Structure
 from hagoromo.calibration.views.view_light import ViewLight
 from hagoromo.calibration.views.view_photographs import ViewPhotographs, view_photographs
@@ -62,7 +62,7 @@ class CapturedViews:
     folder: Path
     work: Path
     structure: Structure
-    scale: Scale | None
+    scale: FoundScale | None
     assumptions: dict[str, str]
     remarks: tuple[str, ...]
 
@@ -141,7 +141,7 @@ def _given(photographs: Sequence[str | Path], masks: Masks, developing: Developi
     return given
 
 
-def _lens(given: ViewPhotographs, camera: Camera | None) -> Lens:
+def _lens(given: ViewPhotographs, camera: Camera | None) -> StatedLens:
     """What is known of the lens; `InputError` for a camera of another size."""
     size = given.size()
     if camera is not None and (camera.width, camera.height) != size:
@@ -149,11 +149,11 @@ def _lens(given: ViewPhotographs, camera: Camera | None) -> Lens:
             f"{given.names[0]} is {size[0]} × {size[1]} px and the camera {camera.width} × {camera.height}: give the "
             "camera of that size"
         )
-    return Lens(size, None if camera is not None else given.exif.focal_of(size[0]), camera)
+    return StatedLens(size, None if camera is not None else given.exif.focal_of(size[0]), camera)
 
 
 def _structure(
-    given: ViewPhotographs, lens: Lens, settings: ViewsSettings, work: Path, force: bool, progress: Progress
+    given: ViewPhotographs, lens: StatedLens, settings: ViewsSettings, work: Path, force: bool, progress: Progress
 ) -> Structure:
     """The structure of the photographs: what lies in `work`, if it is of these, or else found anew."""
     if settings.turntable and not (given.masks or given.auto) and given.mask(
@@ -191,7 +191,7 @@ def _structure(
 
 def _sized(
     found: Structure, scale: KnownLength | KnownBall | Board | None, given: ViewPhotographs
-) -> tuple[Structure, Scale | None]:
+) -> tuple[Structure, FoundScale | None]:
     """The structure in metres, where something of known size is given."""
     if scale is None:
         return found, None
@@ -235,7 +235,7 @@ def _write_points(found: Structure, path: Path) -> None:
     path.write_bytes(data)
 
 
-def _record(found: Structure, size: Scale | None, settings: ViewsSettings) -> dict[str, Any]:
+def _record(found: Structure, size: FoundScale | None, settings: ViewsSettings) -> dict[str, Any]:
     """views.json: the lens, the residuals of each photograph, those left out, and the scale."""
     camera = next(iter(found.views.values()))
     stated = asdict(settings)
@@ -257,7 +257,7 @@ def _record(found: Structure, size: Scale | None, settings: ViewsSettings) -> di
     }
 
 
-def _said_of_lens(found: Structure, lens: Lens) -> str:
+def _said_of_lens(found: Structure, lens: StatedLens) -> str:
     """Focal length and distortion with their standard errors, how many photographs are placed, and how well."""
     camera = next(iter(found.views.values()))
     count = len(found.views) + len(found.left_out)
@@ -276,7 +276,7 @@ def _said_of_lens(found: Structure, lens: Lens) -> str:
     )
 
 
-def _said_of_scale(size: Scale) -> str:
+def _said_of_scale(size: FoundScale) -> str:
     return (
         f"by {size.source} in {len(size.photographs)} photographs, ± {100.0 * size.error:.2g} % (standard error), "
         f"residuals {size.rms:.2g} px"

@@ -31,7 +31,7 @@ AROUND = 24  # points of a ball's outline that stand for it
 NUMBER = r"(\d{1,6}(?:\.\d{1,6})?)"
 
 
-class Scale(NamedTuple):
+class FoundScale(NamedTuple):
     """metres: of one unit of the structure. error: standard error, relative. rms: of the residuals [px]. source: in
     words. photographs: that show it.
     """
@@ -82,7 +82,9 @@ def read_marks(stated: Sequence[str], numbers: int, option: str) -> dict[str, tu
     return marks
 
 
-def scale_of(given: KnownLength | KnownBall | Board, structure: Structure, picture: Callable[[str], NDArray]) -> Scale:
+def scale_of(
+    given: KnownLength | KnownBall | Board, structure: Structure, picture: Callable[[str], NDArray]
+) -> FoundScale:
     """The scale of a structure. picture: name of a photograph → its pixels, in which a board is sought.
 
     `InputError` where fewer than two placed photographs show it, or the fit does not converge.
@@ -162,7 +164,7 @@ def triangulated(seen: Mapping[str, Array], structure: Structure) -> Array:
     return np.einsum("nij,nj->ni", np.linalg.pinv(matrix), right)
 
 
-def _by_length(length: float, seen: Mapping[str, Array], structure: Structure) -> Scale:
+def _by_length(length: float, seen: Mapping[str, Array], structure: Structure) -> FoundScale:
     """The scale by two points of known distance [m]: both are placed freely."""
 
     def residuals(x: Array, name: str) -> Array:
@@ -174,10 +176,10 @@ def _by_length(length: float, seen: Mapping[str, Array], structure: Structure) -
         return length / units, np.concatenate([apart, -apart]) / units**2
 
     start = triangulated(seen, structure).ravel()
-    return _Fit(residuals, metres, f"a length of {length:g} m", BY_HAND).scale(start, _shown_by(seen, structure))
+    return _ScaleFit(residuals, metres, f"a length of {length:g} m", BY_HAND).scale(start, _shown_by(seen, structure))
 
 
-def _by_points(points: Array, seen: Mapping[str, Array], structure: Structure, source: str) -> Scale:
+def _by_points(points: Array, seen: Mapping[str, Array], structure: Structure, source: str) -> FoundScale:
     """The scale by points (n, 3) [m] of known distances: they are placed as one rigid body of a free size."""
     from scipy.spatial.transform import Rotation
 
@@ -195,10 +197,10 @@ def _by_points(points: Array, seen: Mapping[str, Array], structure: Structure, s
         placed = np.exp(x[0]) * own @ Rotation.from_rotvec(x[1:4]).as_matrix().T + x[4:]
         return (structure.views[name].project(placed) - seen[name])[np.isfinite(seen[name][:, 0])].ravel()
 
-    return _Fit(residuals, _by_first(1.0), source, BY_PROGRAM).scale(start, _shown_by(seen, structure))
+    return _ScaleFit(residuals, _by_first(1.0), source, BY_PROGRAM).scale(start, _shown_by(seen, structure))
 
 
-def _by_ball(given: KnownBall, structure: Structure) -> Scale:
+def _by_ball(given: KnownBall, structure: Structure) -> FoundScale:
     """The scale by the outlines of a ball: they are cones of rays that touch it."""
     placed = _placed(given.circles, structure, "--ball")
     ring = np.linspace(0.0, 2.0 * np.pi, AROUND, endpoint=False)
@@ -222,7 +224,7 @@ def _by_ball(given: KnownBall, structure: Structure) -> Scale:
         return np.mean(camera.focal) * (angle - touching) / np.sqrt(AROUND / 3.0)  # three numbers were read
 
     source = f"a ball of {given.radius:g} m"
-    return _Fit(residuals, _by_first(given.radius), source, BY_HAND).scale(start, _shown_by(placed, structure))
+    return _ScaleFit(residuals, _by_first(given.radius), source, BY_HAND).scale(start, _shown_by(placed, structure))
 
 
 def _shown_by(seen: Mapping[str, object], structure: Structure) -> dict[str, Camera]:
@@ -235,7 +237,7 @@ def _by_first(length: float) -> Metres:
     return lambda x: (length * np.exp(-x[0]), -np.eye(len(x))[0])
 
 
-class _Fit(NamedTuple):
+class _ScaleFit(NamedTuple):
     """residuals: parameters, name of a photograph → residuals [px]. metres: parameters → scale, and the gradient of its
     logarithm. source: in words. least: standard error of a residual, at least [px].
     """
@@ -245,7 +247,7 @@ class _Fit(NamedTuple):
     source: str
     least: float
 
-    def scale(self, start: Array, cameras: Mapping[str, Camera]) -> Scale:
+    def scale(self, start: Array, cameras: Mapping[str, Camera]) -> FoundScale:
         """The scale by least squares of all photographs. `InputError` where they contradict each other."""
         from scipy.optimize import least_squares
 
@@ -265,7 +267,7 @@ class _Fit(NamedTuple):
         pulls = [float(influence @ own.T @ part) for own, part in zip(jacobians, parts.values(), strict=True)]
         between = len(parts) / (len(parts) - 1.0) * float(np.square(pulls).sum())
         rms = float(np.sqrt(2.0 * (fit.fun**2).mean()))
-        return Scale(float(size), float(np.sqrt(max(variance, between))), rms, self.source, tuple(cameras))
+        return FoundScale(float(size), float(np.sqrt(max(variance, between))), rms, self.source, tuple(cameras))
 
     def _check(self, parts: Mapping[str, Array], cameras: Mapping[str, Camera]) -> None:
         worst = max(parts, key=lambda name: float(np.abs(parts[name]).max()))

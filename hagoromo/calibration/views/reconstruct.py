@@ -70,7 +70,7 @@ class ViewsSettings:
 
 
 @dataclass(frozen=True, eq=False)
-class Lens:
+class StatedLens:
     """What is known of the lens before. size: (width, height) [px]. focal: as a file states it [px].
 
     camera: calibrated; it is then kept as it is.
@@ -99,7 +99,12 @@ def colmap() -> Any:
 
 
 def reconstruct(
-    pictures: Pictures, photographs: Sequence[str], lens: Lens, settings: ViewsSettings, work: Path, progress: Progress
+    pictures: Pictures,
+    photographs: Sequence[str],
+    lens: StatedLens,
+    settings: ViewsSettings,
+    work: Path,
+    progress: Progress,
 ) -> None:
     """Write COLMAP's model of the photographs into the folder `work`; what an earlier run left there is continued.
 
@@ -118,7 +123,7 @@ def reconstruct(
     (work / "masks").rmdir()
 
 
-def read_structure(folder: Path, photographs: Sequence[str], lens: Lens) -> Structure:
+def read_structure(folder: Path, photographs: Sequence[str], lens: StatedLens) -> Structure:
     """The structure of the model in `folder`, in photographs of the lens' size. photographs: names of all of them."""
     model = colmap().Reconstruction(folder)
     numbers = sorted(model.points3D)
@@ -139,7 +144,7 @@ def read_structure(folder: Path, photographs: Sequence[str], lens: Lens) -> Stru
     return found if known else replace(found, lens_error=_lens_error(model, lens, found.rms_of_all))
 
 
-def _lens_error(model: Any, lens: Lens, rms: float) -> dict[str, float]:
+def _lens_error(model: Any, lens: StatedLens, rms: float) -> dict[str, float]:
     """Standard errors of focal length [px] and distortion, whatever the poses and points are; none where they fail.
 
     rms: of the length of the residuals [px]; COLMAP's own errors are those of residuals of 1 px a direction.
@@ -173,7 +178,7 @@ class _Search:
     package: Any
     work: Path
     names: Mapping[str, str]
-    lens: Lens
+    lens: StatedLens
     settings: ViewsSettings
 
     @property
@@ -298,7 +303,7 @@ def _remove_model(folder: Path) -> None:
         folder.rmdir()
 
 
-def _camera(found: Any, lens: Lens) -> Camera:
+def _camera(found: Any, lens: StatedLens) -> Camera:
     """The camera in photographs of the lens' size, at the world's origin."""
     if lens.camera is not None:
         return replace(lens.camera, name="")

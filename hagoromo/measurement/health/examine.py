@@ -12,7 +12,7 @@ from hagoromo.measurement.health.health import NAMES, Check, Health, Name, doubt
 from hagoromo.measurement.health.lamps import POWERS, FittedLamps, fitted_lamps, lamps_check, strengths_check
 from hagoromo.measurement.health.order import order_check
 from hagoromo.measurement.health.pictures import blur_check, mask_check, motion_check
-from hagoromo.measurement.health.shading import Shading, shading_of
+from hagoromo.measurement.health.shading import ShadingSample, shading_of
 from hagoromo.measurement.photograph_checks import linearity_of, moved, why_not_tested
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.exponent import Exponent
@@ -69,7 +69,7 @@ def examine(capture: Capture, shifts: Mapping[str, tuple[float, float]] | None =
     return Examined(Health(checks=tuple(found[name] for name in NAMES)), exponent, lamps)
 
 
-def _lit(shading: Shading, capture: Capture) -> tuple[FittedLamps, Exponent | None]:
+def _lit(shading: ShadingSample, capture: Capture) -> tuple[FittedLamps, Exponent | None]:
     """The lamps, and the exponent with their strengths taken out; that of linear values unless it contradicts them."""
     for powers in (POWERS, (1.0,)):
         lamps = fitted_lamps(shading, powers)
@@ -79,7 +79,7 @@ def _lit(shading: Shading, capture: Capture) -> tuple[FittedLamps, Exponent | No
     return lamps, exponent
 
 
-def _of_lamps(shading: Shading, capture: Capture, lamps: FittedLamps | None) -> dict[Name, Check]:
+def _of_lamps(shading: ShadingSample, capture: Capture, lamps: FittedLamps | None) -> dict[Name, Check]:
     if lamps is None or lamps.power != 1.0:
         return {name: not_testable(name, FIRST if lamps is None else CURVE) for name in ("strengths", "lamps")}
     to_world = capture.photographs[0].camera.camera_to_world[:3, :3]

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hagoromo.measurement.health.health import Check, doubtful, good
-from hagoromo.measurement.health.shading import Array, Shading, loss
+from hagoromo.measurement.health.shading import Array, ShadingSample, loss
 from hagoromo.photograph.exponent import FLOOR, OUTLIER, RELATIVE
 
 ROUNDS = 4  # of the robust fit of a lamp
@@ -46,7 +46,7 @@ class FittedLamps(NamedTuple):
         """Standard deviation of ln strength over the stated ones."""
         return float(np.std(np.log(self.strength)))
 
-    def even(self, shading: Shading) -> Shading:
+    def even(self, shading: ShadingSample) -> ShadingSample:
         """The sample without the differences in strength, where they are evident."""
         return replace(shading, values=shading.values / self.strength[:, None]) if self.uneven else shading
 
@@ -56,7 +56,7 @@ class FittedLamps(NamedTuple):
         return self.spread > UNEVEN and self.misfit[0] < EXPLAINED * self.misfit[1]
 
 
-def fitted_lamps(shading: Shading, powers: Sequence[float] = POWERS) -> FittedLamps:
+def fitted_lamps(shading: ShadingSample, powers: Sequence[float] = POWERS) -> FittedLamps:
     """Strengths, then directions of the lamps, with values to one of `powers`, 1 among them.
 
     Strengths of linear values also explain a part of what another transfer does, and would hide it.
@@ -68,7 +68,7 @@ def fitted_lamps(shading: Shading, powers: Sequence[float] = POWERS) -> FittedLa
     return best._replace(direction=_directions(replace(even, values=even.values**best.power)))
 
 
-def _strengths(few: Shading, power: float) -> FittedLamps:
+def _strengths(few: ShadingSample, power: float) -> FittedLamps:
     """Strengths with which values to that power follow light best."""
     few = replace(few, values=np.maximum(few.values, 1e-300) ** power)
     log_strength = np.zeros(len(few.values))
@@ -87,7 +87,7 @@ def _strengths(few: Shading, power: float) -> FittedLamps:
     return FittedLamps(np.exp(log_strength), few.to_lamp, (misfits[0], misfits[1]), power)
 
 
-def _directions(shading: Shading) -> Array:
+def _directions(shading: ShadingSample) -> Array:
     """(K, 3) of lamps by the normals that the other photographs give."""
     found, count = [], len(shading.values)
     _, g = shading.fit()
@@ -118,7 +118,7 @@ def _lamp(values: Array, usable: Array, g: Array) -> Array:
     return lamp
 
 
-def strengths_check(shading: Shading, found: FittedLamps) -> Check:
+def strengths_check(shading: ShadingSample, found: FittedLamps) -> Check:
     """Whether the lamps are as strong as stated, all alike where nothing is."""
     spread = 100.0 * found.spread
     if not found.uneven:
@@ -132,7 +132,7 @@ def strengths_check(shading: Shading, found: FittedLamps) -> Check:
     )
 
 
-def lamps_check(shading: Shading, found: FittedLamps, to_world: Array) -> Check:
+def lamps_check(shading: ShadingSample, found: FittedLamps, to_world: Array) -> Check:
     """Whether the direction of a lamp contradicts the others. to_world: (3, 3)."""
     few, direction, wrong = found.even(shading.few()), found.direction, []
     usual = float(np.median(_apart(direction, few.to_lamp)))
@@ -151,7 +151,7 @@ def lamps_check(shading: Shading, found: FittedLamps, to_world: Array) -> Check:
     return doubtful("lamps", "; ".join(said), "check its entry, or correct it so")
 
 
-def _worst(few: Shading, direction: Array) -> tuple[int | None, Shading]:
+def _worst(few: ShadingSample, direction: Array) -> tuple[int | None, ShadingSample]:
     """The lamp that is off and whose photograph gains most by its own direction, or None; and with it moved."""
     residual, _ = few.fit()
     best, least, kept = None, OWN_MISFIT, few

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hagoromo.measurement.health.health import Check, doubtful, good
-from hagoromo.measurement.health.shading import Array, Shading
+from hagoromo.measurement.health.shading import Array, ShadingSample
 
 MOST_LOOKED_AT = 12  # photographs of which pairs are tried: those that fit worst
 BETTER = 0.75  # misfit of another arrangement over the stated one's, from which it explains the readings better
@@ -33,7 +33,7 @@ class Arrangement(NamedTuple):
     order: Array
 
 
-def order_check(shading: Shading) -> Check:
+def order_check(shading: ShadingSample) -> Check:
     """Whether another arrangement explains the photographs better."""
     twice = _same(shading)
     if twice:
@@ -79,7 +79,7 @@ def _arrangements(names: tuple[str, ...], worst: Array) -> list[Arrangement]:
     return found
 
 
-def _shape_fault(shading: Shading, to_lamp: Array) -> float:
+def _shape_fault(shading: ShadingSample, to_lamp: Array) -> float:
     """Curl of the slopes over their size, and how far normals at the outline are from facing outward; 0 … 2."""
     _, g = shading.fit(to_lamp)
     normals = g / np.maximum(np.linalg.norm(g, axis=1, keepdims=True), 1e-300)
@@ -100,7 +100,7 @@ def _shape_fault(shading: Shading, to_lamp: Array) -> float:
     return turned + 0.5 * (1.0 - outward)
 
 
-def _same(shading: Shading) -> tuple[str, str] | None:
+def _same(shading: ShadingSample) -> tuple[str, str] | None:
     """Two photographs that are alike though their lamps are not."""
     light = np.where(shading.usable.all(axis=0), shading.values, 0.0)
     if np.count_nonzero(light[0]) < 20:

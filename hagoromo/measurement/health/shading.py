@@ -24,7 +24,7 @@ Array = NDArray[Any]
 
 
 @dataclass(frozen=True, eq=False)
-class Shading:
+class ShadingSample:
     """K photographs of P squares. values: (K, P) light over the lamp's, where usable (K, P). to_lamp: (K, 3) unit.
     row, column: (P,) of the squares, of a picture `shape` of squares of `side` px; outline: (P, 2) unit, away from the
     object in the picture (x, y), 0 where the square is not at its outline.
@@ -40,7 +40,7 @@ class Shading:
     side: int
     outline: Array
 
-    def few(self) -> Shading:
+    def few(self) -> ShadingSample:
         """Fewer squares, for a fit that is done many times."""
         step = max(-(-self.values.size // MOST_FITTED), 1)
         part = np.s_[::step]
@@ -68,7 +68,7 @@ def loss(residual: Array, usable: NDArray[np.bool_]) -> float:
     return float(each[usable].mean()) if usable.any() else 0.0
 
 
-def shading_of(capture: Capture) -> Shading | str:
+def shading_of(capture: Capture) -> ShadingSample | str:
     """The sample of `capture`; in words why there is none."""
     shots = capture.photographs
     why = unfit(capture)
@@ -96,7 +96,7 @@ def shading_of(capture: Capture) -> Shading | str:
     row, column = np.nonzero(inside)
     to_camera = shots[0].camera.world_to_camera[:3, :3]
     towards = np.array([shot.lamps[0].to_lamp for shot in shots], np.float64) @ to_camera.T
-    return Shading(
+    return ShadingSample(
         tuple(shot.name for shot in shots), light[:, enough], known[:, enough], towards, row[enough], column[enough],
         inside.shape, side, _outline(inside)[row, column][enough],
     )  # fmt: skip
