@@ -157,6 +157,14 @@ def column(kind: Any, values: Any) -> Any:
     return array
 
 
+def vectors(points: Any) -> Any:
+    """A NumPy array (n, 3) as an Array3f, a row for each lane: see `column`."""
+    import numpy as np
+
+    kind = arrays()
+    return kind.Array3f(*(column(kind.Float, np.asarray(each, np.float32)) for each in np.moveaxis(points, 1, 0)))
+
+
 def aligned(count: int, kind: Any) -> Any:
     """An uninitialised NumPy array (count,) of type `kind`, aligned so that Dr.Jit can share its memory."""
     import numpy as np

@@ -14,19 +14,20 @@ import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from statistics import NormalDist
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 import hagoromo as hg
-from hagoromo.backend import arrays
+from hagoromo.backend import vectors
 from studies.real_captures import REAL
 from studies.recover_scenes import Shots, Simulated, Truth, around, near_lamp, shots, simulated
 
 Array = NDArray[np.float64]
 SEED = 1
-TWO_SIDED = 1.959964  # standard errors of a 95 % interval
+TWO_SIDED = NormalDist().inv_cdf(0.975)  # standard errors of a 95 % interval
 
 
 @dataclass(frozen=True)
@@ -138,7 +139,7 @@ def shape_errors(found: hg.Recovered, aside: Simulated) -> Shown:
 
 def places(found: hg.Recovered, points: Array) -> Any:
     """Points (n, 3) [m] as places of the lattice."""
-    return arrays().Array3f(np.ascontiguousarray(found.lattice.from_world(points).T, np.float32))
+    return vectors(found.lattice.from_world(points))
 
 
 def covered(found: hg.Recovered, shown: Shown, truth: Truth) -> tuple[float, float, float] | None:
@@ -153,8 +154,10 @@ def covered(found: hg.Recovered, shown: Shown, truth: Truth) -> tuple[float, flo
     errors = found.errors
     position, normal = errors.position.ravel()[node], errors.normal.ravel()[node]
     colour = errors.colour.reshape(-1, 3)[node]
-    points = arrays().Array3f(np.ascontiguousarray(shown.points.T, np.float32))
-    true, own = (np.stack([np.array(c) for c in each], 1) for each in (truth.colours(points), field.colours_at(at)))
+    true, own = (
+        np.stack([np.array(c) for c in each], 1)
+        for each in (truth.colours(vectors(shown.points)), field.colours_at(at))
+    )
     held = (
         shown.distances < TWO_SIDED * position,
         np.radians(shown.angles) < np.sqrt(-np.log(0.05)) * normal,

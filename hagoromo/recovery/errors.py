@@ -12,13 +12,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from hagoromo.backend import arrays, column
+from hagoromo.backend import Array3f, vectors
 from hagoromo.recovery.distance_field import COLOURS, DistanceField
 from hagoromo.recovery.recovered_shape import Shape
 
@@ -70,30 +70,25 @@ def errors_of(found: Shape, halves: Sequence[Shape], before: Shape | None) -> Er
 
 def _on_surface(shape: Shape, places: Array) -> Array:
     """The places (n, 3) of the surface before or behind others [voxel], by Newton's steps along the normal."""
+    field = DistanceField(shape.distance, shape.colours)
     for _ in range(NEWTON_STEPS):
-        distance, slope = _looked_up(shape, places)
+        distance, slope = _looked_up(field, vectors(places))
         places = places - distance[:, None] * slope / np.maximum((slope * slope).sum(axis=1, keepdims=True), STEEP)
     return places
 
 
 def _surface(shape: Shape, places: Array) -> OnSurface:
     """What an object has at places of the world (n, 3) [m]."""
-    own = shape.lattice.from_world(places)
-    distance, slope = _looked_up(shape, own)
+    field, at = DistanceField(shape.distance, shape.colours), vectors(shape.lattice.from_world(places))
+    distance, slope = _looked_up(field, at)
     normals = slope / np.maximum(np.linalg.norm(slope, axis=1, keepdims=True), 1e-12)
-    field = DistanceField(shape.distance, shape.colours)
-    colours = np.stack([np.array(each, np.float64) for each in field.colours_at(_points(own))], axis=1)
+    colours = np.stack([np.array(each, np.float64) for each in field.colours_at(at)], axis=1)
     return OnSurface(distance * shape.lattice.voxel, normals, colours)
 
 
-def _looked_up(shape: Shape, places: Array) -> tuple[Array, Array]:
-    """Distance [voxel] and its slope at lattice places (n, 3)."""
-    field, at = DistanceField(shape.distance, shape.colours), _points(places)
+def _looked_up(field: DistanceField, at: Array3f) -> tuple[Array, Array]:
+    """Distance [voxel] and its slope (n, 3) at lattice places."""
     return np.array(field.distance_at(at), np.float64), np.array(field.slope_at(at), np.float64).T
-
-
-def _points(places: Array) -> Any:
-    return arrays().Array3f(*(column(arrays().Float, each.astype(np.float32)) for each in places.T))
 
 
 def _angles(first: Array, second: Array) -> Array:

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hagoromo.least_squares.loss import NORMAL_95
 from hagoromo.recovery.descent import Descent
 from hagoromo.recovery.gloss_step import N_SPREAD, Slopes, slopes_of, without_colours
 from hagoromo.recovery.pixel_table import CHUNK
@@ -20,7 +21,6 @@ from hagoromo.recovery.shading import GLOSS, figures
 
 AT_ONCE = 1 << 12  # chunks
 MOST_CHUNKS = 1 << 16  # that are looked at: more would not say more
-NORMAL_95 = 1.959964  # standard deviations
 IDENTIFIABLE = 0.5  # standard error of a logarithm up to which a parameter counts as known by the photographs
 
 

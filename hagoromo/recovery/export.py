@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from hagoromo.backend import arrays, column
+from hagoromo.backend import arrays, vectors
 from hagoromo.errors import InputError
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.matter.shape import coverage, unit
@@ -125,8 +125,7 @@ def recovered_mesh(recovered: Recovered) -> RecoveredMesh:
     values = _spline_values(recovered.distance)
     corners, faces, _, _ = marching_cubes(values, 0.0)
     places = corners[:, ::-1].astype(np.float64)
-    field, jit = DistanceField(recovered.distance, recovered.colours), arrays()
-    at = jit.Array3f(*(column(jit.Float, each.astype(np.float32)) for each in places.T))
+    field, at = DistanceField(recovered.distance, recovered.colours), vectors(places)
     normals = np.array(unit(field.slope_at(at)), np.float64).T
     colours = np.stack([np.array(each, np.float64) for each in field.colours_at(at)], axis=1)
     vertices = recovered.lattice.to_world(places)

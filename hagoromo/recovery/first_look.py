@@ -11,12 +11,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hagoromo.recovery.camera_turn import CameraTurn
 from hagoromo.recovery.choices import Light, Refine
 from hagoromo.recovery.given import kept_aside
 from hagoromo.recovery.object_view import ObjectView
-from hagoromo.recovery.unknown_light import UnknownLight
+from hagoromo.recovery.unknown_light import Frame, UnknownLight
 
 if TYPE_CHECKING:
     from hagoromo.recovery.recovered import Recovered
@@ -35,11 +36,33 @@ class Look:
     turn: CameraTurn | None
     tried: Mapping[str, float]
 
-    def afresh(self, views: Sequence[ObjectView]) -> Look:
-        """The same for other views."""
-        photographs = [v.photograph for v in views]
-        turn = None if self.turn is None else CameraTurn(photographs, self.turn.vector)
-        return Look(None if self.unknown is None else self.unknown.of(photographs), turn, self.tried)
+
+@dataclass(frozen=True, eq=False)
+class FoundLook:
+    """A first look as plain data. frame: of unknown light that depends on the normal."""
+
+    frame: Frame | None
+    coefficients: NDArray[np.float64] | None
+    turn: NDArray[np.float64] | None
+    tried: dict[str, float]
+
+    def of_views(self, views: Sequence[ObjectView]) -> Look:
+        """The look again, at some views."""
+        photographs = [view.photograph for view in views]
+        light = None if self.frame is None else UnknownLight(self.frame, photographs, self.coefficients)
+        turn = None if self.turn is None else CameraTurn(photographs, self.turn)
+        return Look(light, turn, self.tried)
+
+    @staticmethod
+    def of(look: Look) -> FoundLook:
+        """That of a look."""
+        light, turn = look.unknown, look.turn
+        return FoundLook(
+            None if light is None else light.frame,
+            None if light is None else light.coefficients,
+            None if turn is None else turn.vector,
+            dict(look.tried),
+        )
 
 
 def unknown_light(kind: Light, views: Sequence[ObjectView]) -> UnknownLight | None:
@@ -52,7 +75,7 @@ def first_look(
     kind: Light,
     refine: Refine,
     coarse: Callable[[tuple[ObjectView, ...], tuple[ObjectView, ...], UnknownLight | None, bool], Recovered],
-) -> Look:
+) -> FoundLook:
     """The light and the turn of some views. coarse: recovers from used views and kept ones under a kind of light, with
     cameras that turn or not. A turn is taken where it predicts better, if `refine` leaves that open.
 
@@ -69,12 +92,7 @@ def first_look(
         stated = _complete(coarse(used, kept, unknown_light(best, used), False))
         if tried[best] < _psnr(stated) + BETTER:
             found[best] = stated
-    turn, unknown, photographs = found[best].turn, found[best].unknown, [v.photograph for v in views]
-    return Look(
-        None if unknown is None else unknown.of(photographs),
-        None if turn is None else CameraTurn(photographs, turn.vector),
-        tried,
-    )
+    return FoundLook.of(Look(found[best].unknown, found[best].turn, tried))
 
 
 def _complete(found: Recovered) -> Recovered:

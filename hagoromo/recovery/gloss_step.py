@@ -1,8 +1,8 @@
 """Gloss step: β, γ and n of the material by the pixels of all views, whatever the body colours of places are.
 
 A place that is too bright may have a brighter body or more gloss. So what the body colour of a place can explain is
-taken out of a pixel's residual and of its slopes before the gloss is solved for (Golub & Pereyra 1973): steps of the
-gloss at held colours would take hundreds of turns to go the same way.
+taken out of a pixel's residual and of its slopes before the gloss is solved for (Golub & Pereyra 1973). The covariance
+of the gloss comes from the same slopes.
 """
 
 from __future__ import annotations

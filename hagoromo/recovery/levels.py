@@ -12,12 +12,12 @@ from hagoromo.files.memory import require
 from hagoromo.progress import Progress, part_of
 from hagoromo.recovery.descent import DISTANCE_RATE, FIRST_RATE, Descent
 from hagoromo.recovery.distance_field import DistanceField
-from hagoromo.recovery.first_look import Look
+from hagoromo.recovery.first_look import FoundLook, Look
 from hagoromo.recovery.lamp_table import LampTable
 from hagoromo.recovery.object_view import ObjectView
 from hagoromo.recovery.pixel_table import CHUNK, PixelTable
 from hagoromo.recovery.recovered_shape import Shape
-from hagoromo.recovery.work import Checkpoint, FoundLook
+from hagoromo.recovery.work import Checkpoint
 
 COARSEST = 32  # nodes along the longest edge of the first level
 FOOTPRINT = 2.5  # pixels of a voxel's edge, at least, that pixels are not joined for

@@ -16,7 +16,7 @@ from hagoromo.recovery.camera_turn import CameraTurn
 from hagoromo.recovery.choices import Light, Refine
 from hagoromo.recovery.errors import Errors, errors_of
 from hagoromo.recovery.evidence import evidence_of
-from hagoromo.recovery.first_look import SIDE, Look, first_look
+from hagoromo.recovery.first_look import SIDE, FoundLook, Look, first_look
 from hagoromo.recovery.given import LEAST_VIEWS, check_lamps, check_not_cut, checked, kept_aside
 from hagoromo.recovery.hull import box_of, check_all_show_it, hull_distance, outlines_of, without_crumbs
 from hagoromo.recovery.lattice import Lattice
@@ -27,7 +27,7 @@ from hagoromo.recovery.recovered import Recovered
 from hagoromo.recovery.recovered_shape import Shape
 from hagoromo.recovery.silhouettes import views_of
 from hagoromo.recovery.unknown_light import UnknownLight
-from hagoromo.recovery.work import FoundLook, Work
+from hagoromo.recovery.work import Work
 
 Views: TypeAlias = tuple[ObjectView, ...]
 LEAST_SIDE, LARGEST_SIDE = 16, 512  # nodes along the longest edge
@@ -110,8 +110,9 @@ def recover(
             turn = CameraTurn([v.photograph for v in some]) if turning else None
             return _recovered(some, others, coarse, Look(light, turn, {}), of_look, Work(None, (), {}))
 
-        known = kept_work.found.look or FoundLook.of(first_look(used, settings.light, settings.refine, looked_at))
-        kept_work.keep(look=known)
+        if (known := kept_work.found.look) is None:
+            known = first_look(used, settings.light, settings.refine, looked_at)
+            kept_work.keep(look=known)
         look = known.of_views(used)
         progress = part_of(progress, LOOK_SHARE, 1.0 - LOOK_SHARE)
     found = _recovered(used, kept, settings, look, progress, kept_work)
@@ -172,7 +173,7 @@ def _errors(whole: Levels, settings: RecoverySettings, progress: Progress, work:
     halves = []
     for number, name in enumerate(HALVES):
         views, keep = tuple(whole.views[number::2]), work.keeps(name)
-        half = _levels(views, settings, whole.look.afresh(views), settings.rays // 2)
+        half = _levels(views, settings, FoundLook.of(whole.look).of_views(views), settings.rays // 2)
         half.run(settings.steps, part_of(progress, 0.5 * number, 0.5), keep, work.found.checkpoints.get(name))
         keep(half.end)
         halves.append(half.shape)

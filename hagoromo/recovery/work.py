@@ -14,46 +14,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hagoromo.camera.formats.nerfstudio import record_from_camera
 from hagoromo.errors import InputError
 from hagoromo.files.array_tree import read_tree, write_tree
 from hagoromo.files.whole import whole_file
 from hagoromo.photograph.photograph import Photograph
-from hagoromo.recovery.camera_turn import CameraTurn
+from hagoromo.photograph.transforms import record_from_lamp
 from hagoromo.recovery.evidence import Evidence
-from hagoromo.recovery.first_look import Look
-from hagoromo.recovery.object_view import ObjectView
+from hagoromo.recovery.first_look import FoundLook
 from hagoromo.recovery.recovered_shape import Shape
-from hagoromo.recovery.unknown_light import Frame, UnknownLight
-
-
-@dataclass(frozen=True, eq=False)
-class FoundLook:
-    """A first look as plain data. frame: of unknown light that depends on the normal."""
-
-    frame: Frame | None
-    coefficients: NDArray[np.float64] | None
-    turn: NDArray[np.float64] | None
-    tried: dict[str, float]
-
-    def of_views(self, views: Sequence[ObjectView]) -> Look:
-        """The look again, at some views."""
-        photographs = [view.photograph for view in views]
-        light = None if self.frame is None else UnknownLight(self.frame, photographs, self.coefficients)
-        turn = None if self.turn is None else CameraTurn(photographs, self.turn)
-        return Look(light, turn, self.tried)
-
-    @staticmethod
-    def of(look: Look) -> FoundLook:
-        """That of a look."""
-        light, turn = look.unknown, look.turn
-        return FoundLook(
-            None if light is None else light.frame,
-            None if light is None else light.coefficients,
-            None if turn is None else turn.vector,
-            dict(look.tried),
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +92,7 @@ def _key(photographs: Sequence[Photograph], settings: Mapping[str, Any]) -> str:
     """A digest of photographs and settings: others have another one."""
     key = hashlib.sha256(json.dumps(dict(settings), sort_keys=True).encode())
     for p in photographs:
-        for array in (p.values, p.variance, p.mask, p.camera.world_to_camera):
+        for array in (p.values, p.variance, p.mask):
             key.update(np.ascontiguousarray(array).tobytes())
-        key.update(repr((p.camera.focal, p.camera.principal, p.lamps)).encode())
+        key.update(json.dumps([record_from_camera(p.camera), *map(record_from_lamp, p.lamps)]).encode())
     return key.hexdigest()

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 import drjit as dr
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.backend import Array3f, Float, Int, UInt, arrays, evaluate, lookup
+from hagoromo.backend import Array3f, Float, Int, UInt, arrays, evaluate, lookup, vectors
 from hagoromo.files.memory import require
 from hagoromo.transport.field.band_colours import BandColours
 from hagoromo.transport.field.cells import Cells
@@ -171,10 +171,10 @@ class Links:
         self.patches = normals is not None
         receiver = dr.arange(jit.UInt, self.count * ways) // dr.opaque(jit.UInt, ways)
         self.towards = turned_ways(self.count, ways, random)
-        place = _vectors(points)
+        place = vectors(points)
         self.point = dr.gather(jit.Array3f, place, receiver)
         if normals is not None:
-            normal = dr.gather(jit.Array3f, _vectors(normals), receiver)
+            normal = dr.gather(jit.Array3f, vectors(normals), receiver)
             self.cosine = dr.dot(normal, self.towards)
             self.point = self.point + normal * dr.copysign(2.0 * lit.patches.reach, self.cosine)
         hit = lit.surfaces.hit(self.point, self.towards)
@@ -220,7 +220,7 @@ class Links:
     def _scaled(self, numbers: list[Float], exact: Float) -> list[Float]:
         """Of the sides of patches, so that the irradiance of the second order is the `exact` one of the rays."""
         normals = np.concatenate([self.lit.patches.normals, -self.lit.patches.normals])
-        smooth = irradiance(numbers, _vectors(normals))
+        smooth = irradiance(numbers, vectors(normals))
         scale = dr.select(smooth > 0.0, dr.fmin(exact / dr.fmax(smooth, 1e-30), LARGEST_SCALE), 0.0)
         return [number * scale for number in numbers]
 
@@ -331,8 +331,3 @@ def turned_ways(receivers: int, ways: int, random: np.random.Generator) -> Array
 def dark(lit: LitSurfaces) -> Numbers:
     """No light at any side of the patches."""
     return nothing(lit.channels, SIDES * lit.patches.count)
-
-
-def _vectors(points: NDArray[np.float64]) -> Any:
-    jit = arrays()
-    return jit.Array3f(*(lookup(jit.Float, np.ascontiguousarray(points[:, k], np.float32)) for k in range(3)))
