@@ -166,11 +166,11 @@ def covered(found: hg.Recovered, shown: Shown, truth: Truth) -> tuple[float, flo
     return tuple(float(100.0 * each.mean()) for each in held)  # type: ignore[return-value]
 
 
-def real(name: str, data: Path, side: int, keep: int = 8) -> dict[str, Any]:
+def real(name: str, data: Path, side: int, refine: Any, keep: int = 8) -> dict[str, Any]:
     """A real capture of unknown light: every `keep`-th view is predicted, from nothing that it shows itself."""
     begin = time.process_time()
     try:
-        found = hg.recover(REAL[name](data), hg.RecoverySettings(side=side, keep=keep))
+        found = hg.recover(REAL[name](data), hg.RecoverySettings(side=side, keep=keep, refine=refine))
     except hg.InputError as error:
         return {"case": name, "refused": str(error)}
     seconds, scores, record = time.process_time() - begin, found.scores(), found.record()
@@ -188,6 +188,7 @@ def main() -> None:
     parser.add_argument("--only", nargs="*", default=list(CASES))
     parser.add_argument("--data", type=Path, help="folder of real captures of unknown light")
     parser.add_argument("--real", nargs="*", default=list(REAL), choices=list(REAL), help="which of them")
+    parser.add_argument("--refine", default="auto", help="of real captures: see `hagoromo recover`")
     parser.add_argument("--side", type=int, default=96, help="nodes for real captures")
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
@@ -199,7 +200,7 @@ def main() -> None:
         rows.append(asdict(measured(name, CASES[name], (new, far), truth)))
         print(json.dumps(rows[-1]), flush=True)
     for name in given.real if given.data else ():
-        rows.append(real(name, given.data, given.side))
+        rows.append(real(name, given.data, given.side, given.refine))
         print(json.dumps(rows[-1]), flush=True)
     hg.write_json(given.out / "recovery.json", {"rows": rows, "seed": SEED, "version": hg.__version__})
 
