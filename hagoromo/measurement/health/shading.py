@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.measurement.photograph_checks import lamp_light, unfit
+from hagoromo.measurement.surface.tile_store import means
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.exponent import DARK, OUTLIER, lambert_fit
 
@@ -77,15 +78,15 @@ def shading_of(capture: Capture) -> ShadingSample | str:
     masks = np.stack([shot.mask for shot in shots])
     object_mask = masks.sum(axis=0) >= 0.5 * len(shots)
     side = max(int(np.ceil(np.sqrt(object_mask.sum() / MOST_SQUARES))), 1)
-    share = binned(object_mask.astype(np.float64), side)
+    share = means(object_mask, side)[..., 0]
     inside = share > 0.5
     if inside.sum() < FEWEST_SQUARES:
         return f"the object has {int(object_mask.sum())} pixels only"
     values, usable = [], []
     for shot, mask in zip(shots, masks, strict=True):
         grey = shot.values.astype(np.float64).sum(axis=2) / lamp_light(shot)
-        weight = binned((mask & np.isfinite(grey)).astype(np.float64), side)
-        total = binned(np.where(mask & np.isfinite(grey), grey, 0.0), side)
+        weight = means(mask & np.isfinite(grey), side)[..., 0]
+        total = means(np.where(mask & np.isfinite(grey), grey, 0.0), side)[..., 0]
         values.append((total / np.maximum(weight, 1e-9))[inside])
         usable.append((weight > 0.9 * np.maximum(share, 1e-9))[inside])
     light, known = np.stack(values), np.stack(usable)
@@ -100,12 +101,6 @@ def shading_of(capture: Capture) -> ShadingSample | str:
         tuple(shot.name for shot in shots), light[:, enough], known[:, enough], towards, row[enough], column[enough],
         inside.shape, side, _outline(inside)[row, column][enough],
     )  # fmt: skip
-
-
-def binned(layer: Array, side: int) -> Array:
-    """Means over squares of `side` pixels."""
-    height, width = (n // side * side for n in layer.shape)
-    return layer[:height, :width].reshape(height // side, side, width // side, side).mean(axis=(1, 3))
 
 
 def _outline(inside: NDArray[np.bool_]) -> Array:
