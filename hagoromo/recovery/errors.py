@@ -24,7 +24,7 @@ from hagoromo.recovery.recovered_shape import Shape
 
 Array = NDArray[np.float64]
 
-NEAR = 1.0  # voxels from the surface within which nodes get errors
+NEAR = 1.5  # voxels from the surface within which nodes get errors: all that are nearest to one of its places
 NEIGHBOURHOOD = 2.5  # voxels, radius of the means
 NEWTON_STEPS, STEEP = 4, 0.1  # towards the surface; least |∇d|² that a step divides by
 
