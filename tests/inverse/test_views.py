@@ -175,3 +175,20 @@ def test_the_lens_of_a_file_keeps_its_figures_in_reduced_pictures():
     assert model == "FULL_OPENCV" and figures[:5] == [210.0, 210.0, 100.0, 75.0, -0.12]
     assert StatedLens((400, 300), focal=420.0).model((200, 150), 2) == ("RADIAL", [210.0, 100.0, 75.0, 0.0, 0.0])
     assert StatedLens((400, 300)).model((200, 150), 0) == ("SIMPLE_PINHOLE", [])
+
+
+def test_a_photograph_whose_board_is_found_beside_it_is_left_out(monkeypatch):
+    """Something hid a corner; with three photographs nobody knows which of them is wrong."""
+    found = structure(VIEWS, SIZE)
+
+    def corners(board, points, name):
+        image = VIEWS[name].project(points + np.array([-0.03, -0.09, 0.0]))
+        return image + 20.0 * (np.arange(len(points)) == 4)[:, None] * (name == list(VIEWS)[2])
+
+    monkeypatch.setattr("hagoromo.calibration.views.known_length._corners", corners)
+    scale = scale_of(BOARD, found, lambda name: name)  # type: ignore[arg-type, return-value]
+    assert abs(scale.metres * SIZE - 1.0) < 1e-6
+    assert set(scale.photographs) == set(VIEWS) - {list(VIEWS)[2]}
+    few = structure({name: VIEWS[name] for name in list(VIEWS)[:3]}, SIZE)
+    with pytest.raises(InputError, match="not in one place"):
+        scale_of(BOARD, few, lambda name: name)  # type: ignore[arg-type, return-value]

@@ -24,6 +24,7 @@ from hagoromo.least_squares.fit_status import scipy_status
 Array = NDArray[np.float64]
 Metres = Callable[[Array], tuple[float, Array]]
 LEAST_SHOWN = 2  # photographs that fix a place in space
+LEAST_AGREEING = 3  # photographs of a board that must agree for one that contradicts them to be left out
 BY_HAND = 1.0  # [px] standard error of what a person marks, at least
 BY_PROGRAM = 0.05  # [px] of corners of a board, at least
 CONTRADICTION = 0.02  # of the longer side of a photograph, by which its marks may be off
@@ -108,7 +109,7 @@ def scale_of(
         )
     if not given.marker:
         found = _in_one_order(found, structure)
-    return _by_points(points, found, structure, f"a {given}")
+    return _by_board(points, found, structure, f"a {given}")
 
 
 def _placed(marks: Mapping[str, tuple[float, ...]], structure: Structure, option: str) -> dict[str, tuple[float, ...]]:
@@ -179,6 +180,20 @@ def _by_length(length: float, seen: Mapping[str, Array], structure: Structure) -
     return _ScaleFit(residuals, metres, f"a length of {length:g} m", BY_HAND).scale(start, _shown_by(seen, structure))
 
 
+def _by_board(points: Array, seen: Mapping[str, Array], structure: Structure, source: str) -> FoundScale:
+    """The scale by a board. A photograph that contradicts the others, as where something hides a part of the board and
+    a corner is found beside it, is left out as long as LEAST_AGREEING are left.
+    """
+    left = dict(seen)
+    while True:
+        try:
+            return _by_points(points, left, structure, source)
+        except _Contradiction as found:
+            if len(left) <= LEAST_AGREEING:
+                raise
+            del left[found.photograph]
+
+
 def _by_points(points: Array, seen: Mapping[str, Array], structure: Structure, source: str) -> FoundScale:
     """The scale by points (n, 3) [m] of known distances: they are placed as one rigid body of a free size."""
     from scipy.spatial.transform import Rotation
@@ -237,6 +252,14 @@ def _by_first(length: float) -> Metres:
     return lambda x: (length * np.exp(-x[0]), -np.eye(len(x))[0])
 
 
+class _Contradiction(InputError):
+    """photograph: the one that shows something where the others do not have it."""
+
+    def __init__(self, photograph: str, message: str) -> None:
+        super().__init__(message)
+        self.photograph = photograph
+
+
 class _ScaleFit(NamedTuple):
     """residuals: parameters, name of a photograph → residuals [px]. metres: parameters → scale, and the gradient of its
     logarithm. source: in words. least: standard error of a residual, at least [px].
@@ -273,9 +296,10 @@ class _ScaleFit(NamedTuple):
         worst = max(parts, key=lambda name: float(np.abs(parts[name]).max()))
         off, camera = float(np.abs(parts[worst]).max()), cameras[worst]
         if off > CONTRADICTION * max(camera.width, camera.height):
-            raise InputError(
+            raise _Contradiction(
+                worst,
                 f"{self.source} is not in one place: {worst} shows it {off:.0f} px from where the other photographs "
-                "have it; check what is marked there, and that it did not move"
+                "have it; check what is marked there, and that it did not move",
             )
 
 
