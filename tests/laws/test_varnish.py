@@ -116,14 +116,14 @@ def test_a_white_body_sends_back_all_that_enters():
         replace(white, alpha=1.1 / math.pi)
 
 
-def test_without_index_and_depth_it_is_lamberts_law_and_an_absorber_is_beers():
+def test_without_index_and_depth_it_is_lamberts_law_and_an_absorber_is_beers(double_precision):
     plain = replace(PAINT, varnish_n=1.0, varnish_depth=0.0)
     assert plain == PAINT and plain.has_lambert_body and plain.shown_body_colour is plain.body_colour
     assert not {"varnish_n", "varnish_depth"} & plain.record().keys()
     lamp, eye = [0.6, 0.0, 0.8], [0.0, 0.28, 0.96]
     dyed = replace(PAINT, varnish_depth=0.3).evaluate([0, 0, 1], lamp, eye, [450, 650])
     beer = math.exp(-0.3 * (1.0 / 0.8 + 1.0 / 0.96))
-    np.testing.assert_allclose(dyed, beer * PAINT.evaluate([0, 0, 1], lamp, eye, [450, 650]), rtol=1e-12)
+    np.testing.assert_allclose(dyed, beer * PAINT.evaluate([0, 0, 1], lamp, eye, [450, 650]), rtol=double_precision)
 
 
 def test_colours_become_darker_and_more_saturated():
