@@ -27,7 +27,7 @@ def recover(
     capture: Positional[Path],
     out: Out,
     side: int = 128,
-    steps: int = 80,
+    steps: int = 200,
     keep: int = 8,
     shadows: bool = True,
     errors: bool = True,

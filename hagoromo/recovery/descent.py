@@ -32,7 +32,8 @@ LARGEST_CHANGE, LEAST_COLOUR = 0.3, 1e-4  # [voxel] of a distance in a step; of 
 EIKONAL, BENDING = 2.0, 0.2  # of |∇d| from 1, and of the Laplacian of d, in units of a pixel's squared error
 EVENNESS = 30.0  # of the differences of body colours of neighbours, likewise: it decides where pixels say nothing
 SILHOUETTE = 100.0  # of a pixel's opacity, likewise
-GLOSS_EVERY, LIGHT_EVERY = 3, 2  # steps after which the gloss, and unknown light, are fitted
+GLOSS_EVERY, LIGHT_EVERY = 8, 2  # steps after which the gloss, and unknown light, are fitted
+GLOSS_DRAW = 4  # times as many pixels as a step: several must show each place, as its colour is taken out of them
 TURN_EVERY, TURN_SHARE = 5, 4  # steps after which cameras turn; by every how many of the drawn chunks
 
 
@@ -128,7 +129,7 @@ class Descent:
                     keep(k)
                 self.choose()
             fall = LAST_RATE**share
-            picked = np.sort(self.random.integers(0, total, min(chunks, total)))
+            picked = self._pick(chunks, total)
             drawn = self.pixels.of(picked)
             light = self.step(drawn, rate * fall, COLOUR_RATE * fall)
             if self.shading.unknown is not None and k % LIGHT_EVERY == 0:
@@ -136,10 +137,14 @@ class Descent:
             if self.turn is not None and k % TURN_EVERY == TURN_EVERY - 1:
                 self.turn.step(self.rendering, self.pixels, picked[::TURN_SHARE])
             if self.lamps.each and k % GLOSS_EVERY == GLOSS_EVERY - 1:
-                self.shading.set_gloss(
-                    gloss_step(self.rendering, drawn, self.pixels.count / dr.width(drawn.photograph))
-                )
+                many = self.pixels.of(self._pick(GLOSS_DRAW * chunks, total))
+                copies = self.pixels.count / dr.width(many.photograph)
+                self.shading.set_gloss(gloss_step(self.rendering, many, copies))
         progress(1.0)
+
+    def _pick(self, chunks: int, total: int) -> NDArray[np.int64]:
+        """Some chunks of pixels, drawn with equal chances, in order."""
+        return np.sort(self.random.integers(0, total, min(chunks, total)))
 
     def step(self, drawn: Drawn, rate: float, colour_rate: float) -> SeenLight:
         """One step of the field by some pixels; returns their light before it.

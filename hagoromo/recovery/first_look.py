@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,7 @@ from hagoromo.recovery.unknown_light import Frame, UnknownLight
 if TYPE_CHECKING:
     from hagoromo.recovery.recovered import Recovered
 
+Turn: TypeAlias = NDArray[np.float64]  # (3,) of all cameras, a rotation vector [rad]
 KINDS: tuple[Light, ...] = ("even", "object", "camera")
 SIDE = 48  # nodes along the longest edge
 KEEP = 5  # every how many photographs one judges
@@ -74,24 +75,27 @@ def first_look(
     views: Sequence[ObjectView],
     kind: Light,
     refine: Refine,
-    coarse: Callable[[tuple[ObjectView, ...], tuple[ObjectView, ...], UnknownLight | None, bool], Recovered],
+    coarse: Callable[[tuple[ObjectView, ...], tuple[ObjectView, ...], UnknownLight | None, Turn | None], Recovered],
 ) -> FoundLook:
     """The light and the turn of some views. coarse: recovers from used views and kept ones under a kind of light, with
-    cameras that turn or not. A turn is taken where it predicts better, if `refine` leaves that open.
+    cameras that turn further from a turn, or that stay (None). A turn is taken where it predicts better, if `refine`
+    leaves that open: the hull is made anew with it before it is judged.
 
     `KeyboardInterrupt` where a coarse recovery was interrupted: there is nothing to give yet.
     """
     aside = kept_aside(len(views), KEEP)
     used, kept = (tuple(v for v, out in zip(views, aside, strict=True) if out == which) for which in (False, True))
     found: dict[Light, Recovered] = {}
+    turn = None if refine == "none" else np.zeros(3)
     for each in KINDS if kind == "auto" and kept else ("even" if kind == "auto" else kind,):
-        found[each] = _complete(coarse(used, kept, unknown_light(each, used), refine != "none"))
+        found[each] = _complete(coarse(used, kept, unknown_light(each, used), turn))
     tried = {each: _psnr(one) for each, one in found.items()} if kept else {}
     best = max(found, key=lambda each: tried.get(each, 0.0) - (0.0 if each == "even" else BETTER))
-    if refine == "auto" and kept:
-        stated = _complete(coarse(used, kept, unknown_light(best, used), False))
-        if tried[best] < _psnr(stated) + BETTER:
-            found[best] = stated
+    if (turned := found[best].turn) is not None and refine == "auto" and kept:
+        again, stated = (
+            _complete(coarse(used, kept, unknown_light(best, used), each)) for each in (turned.vector, None)
+        )
+        found[best] = again if _psnr(again) >= _psnr(stated) + BETTER else stated
     return FoundLook.of(Look(found[best].unknown, found[best].turn, tried))
 
 

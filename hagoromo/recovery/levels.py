@@ -24,7 +24,8 @@ FOOTPRINT = 2.5  # pixels of a voxel's edge, at least, that pixels are not joine
 MODEL_ERROR, LAST_MODEL_ERROR = 0.02, 0.01  # relative error of the model, of coarse levels and of the last one
 SOFTNESS, LAST_SOFTNESS = (1.0, 0.33), (0.6, 0.2)  # s at begin and end of a level, and of the last one [voxel]
 BYTES_PER_PIXEL = 120.0  # of all arrays together
-LEVEL_SHARE = 0.35  # of the steps of the last level, that a coarse one takes of the work
+RAYS_SIDE = 64  # nodes along the longest edge of the lattice up to which the rays of a step are as stated
+LEVEL_SHARE = 0.25  # of the steps of the last level, that a coarse one takes of the work
 
 
 Keep: TypeAlias = Callable[[Checkpoint], None]
@@ -38,7 +39,8 @@ class Levels:
     """The way of an object from coarse to fine.
 
     views: what it is recovered from. start: on the lattice of the first level. sides: nodes along the longest edge of
-    all levels. rays: of each step. seed: of the pixels that are drawn. look: the light where no lamp is known, and the
+    all levels. rays: of each step up to RAYS_SIDE nodes; beyond, they grow with the square of the nodes, as the nodes of
+    a surface do. seed: of the pixels that are drawn. look: the light where no lamp is known, and the
     turn of all cameras; both are fitted, too. `before`: the result of the level before.
     """
 
@@ -110,8 +112,12 @@ class Levels:
             def kept(step: int, number: int = number) -> None:
                 keep(self.checkpoint(number, step))
 
-            self.descent.run(steps, self.rays // CHUNK, softness, rate, own, kept, first)
+            self.descent.run(steps, self.chunks_of(self.sides[number]), softness, rate, own, kept, first)
         return self.descent
+
+    def chunks_of(self, side: int) -> int:
+        """Chunks of pixels of each step of a level."""
+        return round(self.rays * max(1.0, side / RAYS_SIDE) ** 2) // CHUNK
 
     def _descent(self, begin: Shape, last: bool) -> Descent:
         """The descent of a level."""

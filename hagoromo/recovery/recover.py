@@ -16,7 +16,7 @@ from hagoromo.recovery.camera_turn import CameraTurn
 from hagoromo.recovery.choices import Light, Refine
 from hagoromo.recovery.errors import Errors, errors_of
 from hagoromo.recovery.evidence import evidence_of
-from hagoromo.recovery.first_look import SIDE, FoundLook, Look, first_look
+from hagoromo.recovery.first_look import SIDE, FoundLook, Look, Turn, first_look
 from hagoromo.recovery.given import LEAST_VIEWS, check_lamps, check_not_cut, checked, kept_aside
 from hagoromo.recovery.hull import box_of, check_all_show_it, hull_distance, outlines_of, without_crumbs
 from hagoromo.recovery.lattice import Lattice
@@ -40,7 +40,8 @@ WHOLE_SHARE = 0.55  # of the work, of what is not done for the errors
 @dataclass(frozen=True)
 class RecoverySettings:
     """side: nodes of the lattice along the object's longest edge. steps: of each level of the lattice, coarse to fine.
-    rays: of each step. keep: every how many photographs one is kept aside, to be predicted; 0: none. shadows: whether
+    rays: of each step up to 64 nodes; beyond, they grow with the square of the nodes, so that each node of the surface
+    is seen as often. keep: every how many photographs one is kept aside, to be predicted; 0: none. shadows: whether
     the object's own shadows are taken into account. errors: whether each half of the photographs gives an object of its
     own, too, so that the errors of places are known: that doubles the time. seed: of the pixels that are drawn.
     light: what light is fixed to where no lamp is known; "even": to the object, without dependence on the normal;
@@ -49,8 +50,8 @@ class RecoverySettings:
     """
 
     side: int = 128
-    steps: int = 80
-    rays: int = 1 << 16
+    steps: int = 200
+    rays: int = 1 << 14
     keep: int = 8
     shadows: bool = True
     errors: bool = True
@@ -106,8 +107,8 @@ def recover(
         coarse = replace(settings, side=min(SIDE, settings.side), errors=False)
         of_look = part_of(progress, 0.0, LOOK_SHARE, "first look")
 
-        def looked_at(some: Views, others: Views, light: UnknownLight | None, turning: bool) -> Recovered:
-            turn = CameraTurn([v.photograph for v in some]) if turning else None
+        def looked_at(some: Views, others: Views, light: UnknownLight | None, vector: Turn | None) -> Recovered:
+            turn = None if vector is None else CameraTurn([v.photograph for v in some], vector)
             return _recovered(some, others, coarse, Look(light, turn, {}), of_look, Work(None, (), {}))
 
         if (known := kept_work.found.look) is None:
