@@ -60,11 +60,14 @@ class Truth:
 
 @dataclass(frozen=True)
 class Shots:
-    """Where cameras and lamps are. views: directions from the object (n, 3). lamps: of each view, positions [m]."""
+    """Where cameras and lamps are. views: directions from the object (n, 3). lamps: of each view, positions [m]. focal:
+    in widths of a photograph.
+    """
 
     views: Array
     lamps: list[Array]
     pixels: int = 160
+    focal: float = FOCAL
 
 
 @dataclass(frozen=True)
@@ -107,7 +110,7 @@ def simulated(truth: Truth, taken: Shots, seed: int = 0, noise: bool = True) -> 
     random, out = np.random.default_rng(seed), Simulated(hg.Capture((_nothing(),)))
     photographs: list[hg.Photograph] = []
     for view, lamps in zip(taken.views, taken.lamps, strict=True):
-        focal = FOCAL * taken.pixels
+        focal = taken.focal * taken.pixels
         camera = hg.Camera(
             taken.pixels, taken.pixels, (focal, focal), (taken.pixels / 2, taken.pixels / 2), name="simulated"
         ).look_at(tuple(DISTANCE * view), (0.0, 0.0, 0.0))

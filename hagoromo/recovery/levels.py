@@ -39,9 +39,9 @@ class Levels:
     """The way of an object from coarse to fine.
 
     views: what it is recovered from. start: on the lattice of the first level. sides: nodes along the longest edge of
-    all levels. rays: of each step up to RAYS_SIDE nodes; beyond, they grow with the square of the nodes, as the nodes of
-    a surface do. seed: of the pixels that are drawn. look: the light where no lamp is known, and the
-    turn of all cameras; both are fitted, too. `before`: the result of the level before.
+    all levels. rays: of each step up to RAYS_SIDE nodes; beyond, they grow with the square of the nodes, as a surface
+    does. seed: of the pixels that are drawn. look: the light where no lamp is known, and the turn of all cameras; both
+    are fitted, too. `before`: the result of the level before.
     """
 
     def __init__(
