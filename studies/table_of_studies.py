@@ -65,6 +65,12 @@ STUDIES: dict[str, Study] = {
         "three quarters of an hour",
         (_module("recovery", "--data", DATA, "--out", "out/recovery"),),
     ),
+    "tutorial_views": Study(
+        "the tutorial of many views as it stands on its page, and its picture",
+        "ten minutes",
+        (_module("tutorial_views", "--out", "out/tutorial_views"),),
+        (("out/tutorial_views/tutorial_views.jpg", "docs/figures"),),
+    ),
     "lamps": Study(
         "how far readings of the same real lamps agree: of a mirror ball, of a grey ball, of the objects themselves",
         "minutes",
