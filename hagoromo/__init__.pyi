@@ -156,6 +156,10 @@ from .recovery.errors import Errors as Errors
 from .recovery.evidence import Evidence as Evidence
 from .recovery.recover import RecoverySettings as RecoverySettings, recover as recover
 
+# Two measurements of one object, at two dates
+from .campaigns.change import Change as Change, CommonChange as CommonChange, change as change
+from .campaigns.region import ChangedRegion as ChangedRegion
+
 # Many captures, many machines
 from .cluster.connection import TrustedScheduler as TrustedScheduler
 from .app.batch.batch import batch as batch
@@ -179,6 +183,7 @@ from hagoromo_page.publication.publish import Published as Published, publish as
 from hagoromo_page.publication.publish_scene import PublishedScene as PublishedScene, publish_scene as publish_scene
 from hagoromo_page.viewer.notebook import Shown as Shown, show as show
 from hagoromo_page.report.measure_report import write_measure_report as write_measure_report
+from hagoromo_page.report.change_page import write_change_report as write_change_report
 from hagoromo_page.report.recovery_page import write_recovery_report as write_recovery_report
 from hagoromo_page.report.relight_page import write_relight_report as write_relight_report
 from hagoromo_page.report.page import (
