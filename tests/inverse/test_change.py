@@ -218,9 +218,12 @@ def test_what_measure_gives_of_two_dates():
     assert not same.regions
     relief = Relief(fade={FADED: (1.042, 1.042, 1.042)}, flake={FLAKED: 1e-4})
     change = hg.change(before, _measured(relief_capture(relief, camera, lamps, 3, gloss=False)))
+    reach = WIDTHS[-1] * change.before.pitch
+    right = {disc: _inside(change, "colour", (*disc[:2], disc[2] + reach))[0] for disc in (FADED, FLAKED)}
+    assert sum(right.values()) > 0.95 and right[FADED] > 0.7  # pixels at the edge of a flake mix slopes: colours err
+    assert _inside(change, "shape", (*FLAKED[:2], FLAKED[2] + reach))[0] > 0.95
     for quantity, disc in (("colour", FADED), ("shape", FLAKED)):
-        right, complete = _inside(change, quantity, (*disc[:2], disc[2] + 0.0008))
-        assert right > 0.9 and complete > 0.5
+        assert _inside(change, quantity, (*disc[:2], disc[2] - change.before.pitch))[1] > 0.9
     assert min(one.most for one in change.regions if one.quantity == "shape") < -80.0
 
 
@@ -229,5 +232,7 @@ def test_a_polished_spot_of_a_patina_is_found_from_photographs():
     before = _measured(relief_capture(Relief(patina=0.4), relief_camera(), dome(), 1))
     camera, lamps = relief_camera(eye=(0.03, -0.02, 0.42), roll=12.0, target=(0.001, 0.0005, 0.0)), dome(14, 9.0)
     after = _measured(relief_capture(Relief(patina=0.4, polish={POLISHED: 2.0}), camera, lamps, 5))
-    right, complete = _inside(hg.change(before, after), "gloss", (*POLISHED[:2], POLISHED[2] + 0.0008))
-    assert right > 0.9 and complete > 0.5
+    change = hg.change(before, after)
+    pitch = change.before.pitch
+    assert _inside(change, "gloss", (*POLISHED[:2], POLISHED[2] + WIDTHS[-1] * pitch))[0] > 0.95
+    assert _inside(change, "gloss", (*POLISHED[:2], POLISHED[2] - pitch))[1] > 0.9
