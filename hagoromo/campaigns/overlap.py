@@ -24,7 +24,7 @@ UNSURE = 0.5  # of the difference of a cubic and a linear interpolation: the err
 
 @dataclass(frozen=True, eq=False)
 class Overlap:
-    """image: (h, w, 2) where AFTER shows the pixels of BEFORE [px]; errors: (h, w, 2, 2) its covariance. shown: (h, w)."""
+    """image: (h, w, 2) where AFTER shows BEFORE's pixels [px]; errors: (h, w, 2, 2) its covariance. shown: (h, w)."""
 
     before: Campaign
     after: Campaign
