@@ -176,6 +176,8 @@ from .app.progress_bar import progress_bar as progress_bar
 
 # Files of other programs
 from hagoromo_formats.convert import ConvertOptions as ConvertOptions, convert as convert
+from hagoromo_formats.archive.archive import archive as archive
+from hagoromo_formats.archive.profile import ArchiveProfile as ArchiveProfile
 from hagoromo_formats.relightable.export import export as export
 
 # A page that can be sent round, the viewer in a notebook, reports

@@ -143,7 +143,7 @@ def _averaged(maps: Array, step: int) -> Array:
 
 
 def _in_metres(measurement: Measurement, camera: Camera, lamps: tuple[Lamp, ...]) -> bool:
-    """Whether the distance of the object was given, or can be told from near lamps."""
+    """Whether the distance of the object was given, or follows from near lamps."""
     if measurement.settings.get("distance_m") is not None or any(lamp.position is not None for lamp in lamps):
         return True
     return bool(np.any(camera.position)) and not is_unplaced(camera)
