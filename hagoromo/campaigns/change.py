@@ -223,7 +223,10 @@ def _doubts(found: Sequence[Quantity], both: Overlap) -> list[str]:
             doubts.append(f"{100 * share:.0f} % of it has other {WORDS[one.name]}")
         elif one.significance.widening[0] > MOST_WIDENING:
             by = one.significance.widening[0]
-            doubts.append(f"its {WORDS[one.name]} differs in most places, {by:.1f} times as much as the stated errors")
+            doubts.append(
+                f"its {WORDS[one.name]} differs in most places, {by:.1f} times as much as the stated errors, which may "
+                "be too small"
+            )
     return doubts
 
 
