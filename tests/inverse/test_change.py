@@ -133,9 +133,14 @@ def test_the_command_reads_what_measure_wrote(tmp_path, capsys):
     assert hg.change(*folders)["shape"].significance.found.any()
 
 
-def test_two_objects_and_measurements_without_errors_are_refused():
+@pytest.mark.nightly
+def test_two_objects_are_refused():
+    other = relief_measurement(Relief(seed=9), AFTER, 2)
+    assert "two different objects" in _refusal(relief_measurement(Relief(), BEFORE, 1), other)
+
+
+def test_measurements_that_cannot_be_compared_are_refused():
     before = relief_measurement(Relief(), BEFORE, 1)
-    assert "two different objects" in _refusal(before, relief_measurement(Relief(seed=9), AFTER, 2))
     assert "states no errors" in _refusal(before, relief_measurement(Relief(), AFTER, 2, errors=False))
     assert "number between 0 and 1" in _refusal(before, before, rate=0.0)
     assert "response of the cameras is not known" in _refusal(before, before, lamps=("A",))
