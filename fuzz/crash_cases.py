@@ -247,6 +247,19 @@ def _measured(folder: Path) -> None:
     shutil.rmtree(folder / "capture")
 
 
+def _two_dates(folder: Path) -> None:
+    from tests.inverse.simulated_relief import Relief, relief_camera, relief_measurement
+
+    for seed, name in enumerate(("before", "after")):
+        relief_measurement(Relief(), relief_camera(40, eye=(0.02 * seed, 0.0, 0.4)), seed).save(folder / name)
+
+
+def _results(folder: Path) -> None:
+    (folder / "results").mkdir()
+    write_json(folder / "results" / "materials.json", [{"hagoromo": {"version": "0", "settings": {"n": 1.5}}}])
+    (folder / "profile.toml").write_text('creator = "A"\ninstitution = "M"\nlicence = "CC0-1.0"\n')
+
+
 def _balls(folder: Path) -> None:
     from hagoromo.files.png import write_png
     from tests.inverse.simulated_mirror import mask_of, mirror_photograph, seen_from_afar
@@ -363,6 +376,8 @@ CASES = (
     Case("publish a page", _measured, ("publish", "measured"), ("out.html",)),
     Case("publish a box", _box_scene, ("publish", "scene.toml", "--lamps", "8"), ("out.html",), slow=4),
     Case("publish a folder", _measured, ("publish", "measured"), ("out",)),
+    Case("change", _two_dates, ("change", "before", "after"), ("out",), slow=6),
+    Case("archive", _results, ("archive", "results", "--profile", "profile.toml", "--inventory", "1"), ("out",)),
     Case("export", _measured, ("export", "measured", "--to", "png", "ply", "ptm"), ("out",)),
     Case("schema", _nothing, ("schema",), _schemas(), out="out", apart=True, forces=False),
     Case(

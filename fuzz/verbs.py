@@ -200,6 +200,6 @@ LOOKING = (
 )
 SLOW = (
     "calibrate camera", "calibrate response", "simulate", "measure", "measure unknown shape", "build", "build a texel",
-    "render", "relight", "recover",
+    "render", "relight", "recover", "change",
 )  # fmt: skip
 VERBS = {case.name: Verb(case, function_of(case)) for case in (*CASES, *LOOKING) if case.name != "demo"}

@@ -156,6 +156,10 @@ from .recovery.errors import Errors as Errors
 from .recovery.evidence import Evidence as Evidence
 from .recovery.recover import RecoverySettings as RecoverySettings, recover as recover
 
+# Two measurements of one object, at two dates
+from .campaigns.change import Change as Change, CommonChange as CommonChange, change as change
+from .campaigns.region import ChangedRegion as ChangedRegion
+
 # Many captures, many machines
 from .cluster.connection import TrustedScheduler as TrustedScheduler
 from .app.batch.batch import batch as batch
@@ -172,6 +176,8 @@ from .app.progress_bar import progress_bar as progress_bar
 
 # Files of other programs
 from hagoromo_formats.convert import ConvertOptions as ConvertOptions, convert as convert
+from hagoromo_formats.archive.archive import archive as archive
+from hagoromo_formats.archive.profile import ArchiveProfile as ArchiveProfile
 from hagoromo_formats.relightable.export import export as export
 
 # A page that can be sent round, the viewer in a notebook, reports
@@ -179,6 +185,7 @@ from hagoromo_page.publication.publish import Published as Published, publish as
 from hagoromo_page.publication.publish_scene import PublishedScene as PublishedScene, publish_scene as publish_scene
 from hagoromo_page.viewer.notebook import Shown as Shown, show as show
 from hagoromo_page.report.measure_report import write_measure_report as write_measure_report
+from hagoromo_page.report.change_page import write_change_report as write_change_report
 from hagoromo_page.report.recovery_page import write_recovery_report as write_recovery_report
 from hagoromo_page.report.relight_page import write_relight_report as write_relight_report
 from hagoromo_page.report.page import (

@@ -107,10 +107,11 @@ def map_picture(
     bar = figure.colorbar(drawn, ax=axis, extend="max" if limits[0] == 0.0 else "both", shrink=0.9)
     bar.set_label(unit, fontsize=8)
     bar.ax.tick_params(labelsize=7)
-    return page_picture(_rasterised(figure), f"map in {unit}: {title}", lossless=True)
+    return page_picture(rasterised(figure), f"map in {unit}: {title}", lossless=True)
 
 
-def _rasterised(figure: Any) -> NDArray[np.uint8]:
+def rasterised(figure: Any) -> NDArray[np.uint8]:
+    """The pixels (h, w, 3) of a figure."""
     import cv2
 
     drawn = io.BytesIO()

@@ -1,0 +1,1 @@
+"""Campaigns: two measurements of one object, at two dates: what has changed, and how surely."""
