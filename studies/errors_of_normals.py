@@ -21,9 +21,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 import hagoromo as hg
-from hagoromo.least_squares.loss import NORMAL_95
 from hagoromo.measurement.normals.gloss_estimate import measurement_of
-from hagoromo.measurement.normals.shading import tangents
 from hagoromo.measurement.surface.depth import DepthSurface, surface_from_normals
 from studies.faulty_balls import BETA, CONDITIONS, FOCAL, GAMMA, PIXEL, FaultyBall, faulty_ball
 from studies.table import print_table
@@ -90,7 +88,9 @@ def _pixels(solved: hg.NormalMap, surface: DepthSurface, truth: FaultyBall) -> d
     cosine = np.clip(np.einsum("pi,pi->p", true, fit.normals), -1.0, 1.0)
     off = true - cosine[:, None] * fit.normals
     off *= (np.arccos(cosine) / np.maximum(np.linalg.norm(off, axis=1), 1e-12))[:, None]
-    turns = np.stack([np.einsum("pi,pi->p", off, axis) for axis in tangents(fit.normals)], axis=1)
+    across = np.cross(np.eye(3)[np.argmin(np.abs(fit.normals), axis=1)], fit.normals)
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    turns = np.stack([np.einsum("pi,pi->p", off, axis) for axis in (across, np.cross(fit.normals, across))], axis=1)
     assert fit.errors is not None
     distance = np.linalg.norm(surface.points[at] - views.eye, axis=1)
     deeper = distance + truth.depth[at]
@@ -116,7 +116,7 @@ def _rows(name: str, sets: list[dict[str, Array]]) -> dict[str, Any]:
 def _row(pixels: Mapping[str, Array]) -> dict[str, float]:
     """Shares that hold, and root mean squares of errors."""
     square, variance, own = (pixels["turns"] ** 2).sum(axis=1), pixels["variance"], pixels["own"]
-    region, line = 0.5 * float(chi2.ppf(0.95, 2)), NORMAL_95**2  # of the variance of two turns, and of one
+    region, line = 0.5 * float(chi2.ppf(0.95, 2)), float(chi2.ppf(0.95, 1))  # of the variance of two turns, and of one
     row = {
         "pixels": len(square),
         "own": _degrees(own),
