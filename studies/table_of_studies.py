@@ -108,6 +108,17 @@ STUDIES: dict[str, Study] = {
         (_module("coverage", "--out", "out/coverage", "--force"),),
         _page("coverage", "coverage.png"),
     ),
+    "errors-of-normals": Study(
+        "how often the errors of normals hold the truth, on simulated and real balls: docs/errors_of_normals.md",
+        "a quarter of an hour",
+        (_module("errors_of_normals", "--out", "out/errors_of_normals", "--real", f"{DATA}/uw_psm", "--force"),),
+        _page("errors_of_normals"),
+    ),
+    "forecasts": Study(
+        "errors of photographs under lamps left out, beside those that were expected",
+        "a quarter of an hour",
+        (_module("forecasts", f"{DATA}/uw_psm", "--out", "out/forecasts.json", "--force"),),
+    ),
     "first-order": Study(
         "the march against an independent program of its equations in float64: docs/first_order.md",
         "a minute",

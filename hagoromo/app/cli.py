@@ -341,6 +341,7 @@ def relight(
         say(
             f"{prediction.name}: volume boxes differ from the photograph by {100 * figures.relative_rmse:.1f} % "
             f"(relative rmse), ΔE00 {figures.delta_e_2000:.2f}"
+            f"{f'; {prediction.forecast}' if prediction.forecast else ''}"
         )
     if relighting.advice is not None:
         say(relighting.advice)

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from hagoromo.cluster.cluster import Workers, here_or_on
 from hagoromo.errors import InputError
+from hagoromo.measurement.error_files import SharedErrors
 from hagoromo.measurement.health.examine import Examined, examine
 from hagoromo.measurement.known_shape import SEED, measure_known_shape, terms_of_known_shape, with_separation
 from hagoromo.measurement.lamp_departure import fitted_rig, lamp_departure
@@ -243,19 +244,20 @@ def _measure_tiles(
 
 def with_solved_shape(capture: Capture, normals: NormalMap, surface: DepthSurface) -> Measurement:
     """The Measurement of `capture`, whose shape was solved."""
-    measurement = measurement_of(capture, normals)
+    measurement, modes = measurement_of(capture, normals), normals.modes
     return replace(
         measurement,
         points=surface.points,
         body=BodyMap(
             normals.body,
-            None,
+            normals.body_error,
             measurement.materials,
             measurement.labels,
             gloss=solved_gloss_map(normals, measurement.materials, measurement.labels),
         ),
         normal_variance=normals.variance,
         distance_variance=surface.variance,
+        shared_errors=None if modes is None or surface.modes is None else SharedErrors(modes, surface.modes),
         capture=replace(capture, points=surface.points, normals=normals.normals),
         normal_map=normals,
     )

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from hagoromo.files.png import png_data_uri
 from hagoromo.files.whole import whole_folder
+from hagoromo.measurement.error_files import SharedErrors
 from hagoromo.measurement.gloss.gloss_map import GlossMap
 from hagoromo.measurement.health.health import Health
 from hagoromo.measurement.lamp_departure import LampDeparture
@@ -48,7 +49,8 @@ class Measurement:
     largest share of gloss, separated into its diffuse (body) and specular (interface) parts. body_spectra: name of a
     material → spectrum of its body colour, of mean 1 over the channels. lamp_colour: where it was measured.
     normal_variance: (h, w) of the direction of solved normals [rad²]. distance_variance: (h, w) of the distance from
-    the camera to solved points [m²]. Both are inf where unknown, and None where the shape was given.
+    the camera to solved points [m²]: of all errors. Both are inf where unknown, and None where the shape was given.
+    shared_errors: those of both that all pixels share; None where they were not estimated.
     capture: the photographs that were measured, with their shape. fine: full-size maps of photographs that were solved
     in tiles; all else is then of a small capture of means over squares of pixels. normal_map: the photometric fit of a
     shape that was solved.
@@ -78,6 +80,7 @@ class Measurement:
     lamp_colour: LampColour | None = None
     normal_variance: NDArray[np.float32] | None = None
     distance_variance: NDArray[np.float32] | None = None
+    shared_errors: SharedErrors | None = None
     capture: Capture | None = None
     fine: Fine | None = None
     normal_map: NormalMap | None = None
@@ -120,7 +123,8 @@ class Measurement:
 
         materials.json; labels.png (0 unknown, 1 the first material, …); normals.exr (N.X, N.Y, N.Z); points.exr (P.X,
         P.Y, P.Z); body.exr (α c_b and its standard error `error.*` where known); gloss.exr (β, γ and their standard
-        errors) where gloss varies; variance.exr (normal, distance) where the shape was solved; body_spectra.json where
+        errors) where gloss varies; variance.exr (normal, distance, and of each what is its pixel's own) where
+        the shape was solved, shared_errors.exr: what all pixels share; body_spectra.json where
         lamp and response are known; separation_NN.exr and pictures of both parts; residual_NN.png: white within the
         noise, red brighter and blue darker than predicted, full colour at 5 standard deviations, grey unknown;
         own_light.exr and own_light.json: the share of the light that a solved surface sends to itself; health.json: the

@@ -16,6 +16,13 @@ from hagoromo.files.checks import inside, of_folder
 from hagoromo.files.exr import read_exr, write_exr
 from hagoromo.files.png import read_png, write_png
 from hagoromo.files.record import ForeignRecord, about, decode, read_json, write_json, written_by
+from hagoromo.measurement.error_files import (
+    SHARED_ERRORS,
+    UNKNOWN_VARIANCE,
+    VARIANCE,
+    read_shared_errors,
+    write_errors,
+)
 from hagoromo.measurement.gloss.gloss_map import GLOSS_CHANNELS, TAIL_CHANNELS, gloss_from_channels, with_tails
 from hagoromo.measurement.health.health import Health
 from hagoromo.measurement.material.body_map import BodyMap, Separation, write_separation
@@ -30,8 +37,7 @@ from hagoromo.reflectance.material.material_estimate import MaterialEstimate
 from hagoromo.reflectance.material.materials_file import MaterialRecord, read_materials, write_materials
 
 FULL_COLOUR_DEVIATIONS = 5.0  # standard deviations at which the picture of a residual is fully red or blue
-VARIANCE_CHANNELS = ("normal", "distance")  # channels of variance.exr
-UNKNOWN_VARIANCE = np.finfo(np.float32).max  # stands in variance.exr for an infinite one; older files have infinity
+VARIANCE_CHANNELS = ("normal", "distance")  # of all errors, in variance.exr
 ASSUMPTIONS, RIG, HEALTH = "assumptions.json", "rig.json", "health.json"
 Map = NDArray[np.floating]
 NAME = "terms.json"
@@ -51,13 +57,15 @@ def write_measurement(measurement: Measurement, home: Path) -> None:
         write_json(home / HEALTH, {"hagoromo": written_by(), **measurement.health.record()})
     write_terms(home, measurement.terms)
     if measurement.fine is None:
+        _write_surface(home, measurement.labels, measurement.normals, measurement.points)
         variances = measurement.normal_variance, measurement.distance_variance
-        _write_surface(home, measurement.labels, measurement.normals, measurement.points, variances)
+        write_errors(home, variances, measurement.shared_errors)
         if measurement.body is not None:
-            write_exr(home / "body.exr", _body_channels(measurement.body))
+            write_exr(home / "body.exr", _body_channels(measurement.body, measurement.normal_variance is not None))
     else:
         fine = measurement.fine
-        _write_surface(home, fine.labels, fine.normals, fine.points, (fine.variance, fine.depth_variance))
+        _write_surface(home, fine.labels, fine.normals, fine.points)
+        write_errors(home, (fine.variance, fine.depth_variance), None)
         write_exr(home / "body.exr", dict(zip(_solved_names(channels), np.moveaxis(fine.body, 2, 0), strict=True)))
     if measurement.gloss is not None:
         maps = measurement.gloss
@@ -106,7 +114,7 @@ class OwnLightFile(ForeignRecord, frozen=True, kw_only=True):
 def read_measurement(home: Path) -> Measurement:
     """The measurement in the folder `home`; see `Measurement.load`."""
     surface = read_surface(home)
-    stored = read_maps(inside(home, "variance.exr"), VARIANCE_CHANNELS, surface)
+    stored = read_maps(inside(home, VARIANCE), VARIANCE_CHANNELS, surface)
     variances = [np.where(one < UNKNOWN_VARIANCE, one, np.inf) for one in stored] if stored else [None, None]
     spectra = inside(home, "body_spectra.json")
     writer = decode(read_json(inside(home, "materials.json"))[0], MaterialRecord, "materials.json").hagoromo
@@ -122,6 +130,7 @@ def read_measurement(home: Path) -> Measurement:
         read_body_spectra(spectra) if spectra.is_file() else {},
         normal_variance=variances[0],
         distance_variance=variances[1],
+        shared_errors=read_shared_errors(inside(home, SHARED_ERRORS), surface.labels.shape),
         settings=writer.settings,
         assumptions=_read_assumptions(inside(home, ASSUMPTIONS)),
         health=_read_health(inside(home, HEALTH)),
@@ -142,21 +151,16 @@ def residual_picture(residual: Map) -> NDArray[np.uint8]:
     return np.rint(255.0 * np.where(np.isnan(mean)[..., None], 0.5, picture)).astype(np.uint8)
 
 
-def _write_surface(
-    home: Path, labels: NDArray[np.integer], normals: Map, points: Map | None, variances: tuple[Map | None, Map | None]
-) -> None:
+def _write_surface(home: Path, labels: NDArray[np.integer], normals: Map, points: Map | None) -> None:
     write_png(home / "labels.png", (labels + 1).astype(np.uint8))
     write_exr(home / "normals.exr", dict(zip(("N.X", "N.Y", "N.Z"), np.moveaxis(normals, 2, 0), strict=True)))
     if points is not None:
         write_points(home / "points.exr", points)
-    held = [np.minimum(one, UNKNOWN_VARIANCE) for one in variances if one is not None]
-    if len(held) == len(VARIANCE_CHANNELS):
-        write_exr(home / "variance.exr", dict(zip(VARIANCE_CHANNELS, held, strict=True)))
 
 
-def _body_channels(body: BodyMap) -> dict[str, NDArray[np.float32]]:
+def _body_channels(body: BodyMap, solved: bool) -> dict[str, NDArray[np.float32]]:
     count = body.value.shape[2]
-    return body.channels(default_channels(count) if body.error is not None else _solved_names(count))
+    return body.channels(default_channels(count) if body.error is not None and not solved else _solved_names(count))
 
 
 def _solved_names(count: int) -> tuple[str, ...]:

@@ -47,6 +47,7 @@ def _found(one: Prediction) -> str:
     said = f"{one.name}: the volume boxes differ from the photograph by {100 * boxes.relative_rmse:.1f} % of its"
     said += f" brightness (root mean square), a colour difference of {boxes.delta_e_2000:.1f} ΔE00 in the mean"
     said += ", with shadows and misfit learnt" if one.of_boxes == "boxes_learnt" else ""
+    said += f"; {one.forecast}" if one.forecast else ""
     lambert = one.compared.get("lambert")
     if lambert is None:
         return f"{said}."

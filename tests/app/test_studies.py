@@ -83,6 +83,13 @@ INSIDE = {  # modules of the package that a study takes apart, and why no public
     # kernels run on Dr.Jit's types of this machine
     "near_rig.py": {"backend"},
     "gallery/gallery_item.py": {"backend"},
+    "faulty_balls.py": {"backend"},
+    # the parts of a measurement that errors are stated for, without the rest of it
+    "errors_of_normals.py": {"measurement.normals.gloss_estimate", "measurement.surface.depth"},
+    "forecasts.py": {
+        *("image.relight.learnt", "measurement.lamp_departure"),
+        *("measurement.normals.photometric_model", "measurement.surface.depth"),
+    },
 }
 
 TYPES = "image.modes"  # of choices, for type checkers

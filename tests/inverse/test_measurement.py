@@ -131,7 +131,11 @@ def test_a_solved_shape_reads_back(far):
     loaded = hg.Measurement.load(measurement.save(far / "solved"))
     np.testing.assert_array_equal(loaded.normal_variance, measurement.normal_variance)
     np.testing.assert_array_equal(loaded.distance_variance, np.float32(measurement.distance_variance))
-    assert loaded.body is not None and loaded.body.error is None
+    assert loaded.body is not None and measurement.body is not None and measurement.body.error is not None
+    np.testing.assert_array_equal(loaded.body.error, np.float32(measurement.body.error))
+    assert loaded.shared_errors is not None and measurement.shared_errors is not None
+    np.testing.assert_array_equal(loaded.shared_errors.normals, measurement.shared_errors.normals)
+    np.testing.assert_array_equal(loaded.shared_errors.distance, measurement.shared_errors.distance)
     (name,), (spectrum,) = loaded.body_spectra.keys(), loaded.body_spectra.values()
     np.testing.assert_array_equal(spectrum.covariance, measurement.body_spectra[name].covariance)
 

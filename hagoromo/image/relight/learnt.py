@@ -21,6 +21,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from hagoromo.image.relight.forecast import Forecast, forecast_of, outside_hull
 from hagoromo.measurement.normals.normals import NormalMap
 from hagoromo.measurement.normals.photometric_model import Fit, further_lobes, precision, predicted
 from hagoromo.measurement.normals.pixel_fit import PixelConditions, fit_pixels
@@ -83,7 +84,8 @@ class Learnt:
     """What was learnt from the photographs of `capture`, whose fit is `solved`.
 
     shadows and neighbours: None where they do not predict better. gains: share of the squared error of photographs
-    left out that each takes off; error: their relative error that is left. residuals: (K, C, P) of the views' values,
+    left out that each takes off; error: their relative error that is left; forecast: the same by how far outside the
+    hull of the others a lamp is. residuals: (K, C, P) of the views' values,
     under even lamps.
     """
 
@@ -94,6 +96,11 @@ class Learnt:
     gains: tuple[float, float]
     error: float
     residuals: NDArray[np.float32] | None
+    forecast: Forecast
+
+    def outside(self, to_lamp: Array) -> float:
+        """Angle [rad] of a lamp in the direction `to_lamp` (3,) from the hull of those that were measured."""
+        return outside_hull(_directions(self.solved.views.to_lamp), to_lamp)
 
     def added(self, shown: Array, to_lamp: Array, passed: Array | float = 1.0) -> Array:
         """(C, P) values per irradiance under a lamp in directions `to_lamp` (P, 3), `shown` before.
@@ -132,7 +139,8 @@ def learn(capture: Capture, solved: NormalMap, seed: int = 0, passed: Array | No
         residuals = whole.residuals(shadows).astype(np.float32)
     before = _error([case.own for case in cases], None)
     error = float(np.sqrt(before * (1.0 - first) * (1.0 - second)))
-    return Learnt(solved, capture, shadows, neighbours, (first, second), error, residuals)
+    forecast = forecast_of(*zip(*(_outside_and_error(case, shadows, neighbours) for case in cases), strict=True))
+    return Learnt(solved, capture, shadows, neighbours, (first, second), error, residuals, forecast)
 
 
 @dataclass(frozen=True, eq=False)
@@ -254,6 +262,17 @@ def _ambient(own: Sequence[HeldOutFit], shadows: Shadows) -> float:
 def _error(own: Sequence[HeldOutFit], shadows: Shadows | None) -> float:
     """Mean over the photographs left out of the squared error relative to the photograph."""
     return float(np.mean([np.sum((case.even[:, None] * case.residuals(shadows)) ** 2) / case.power for case in own]))
+
+
+def _outside_and_error(case: HeldOutFit, shadows: Shadows | None, neighbours: Neighbours | None) -> tuple[float, float]:
+    """How far [rad] the lamp that was left out is outside the hull of the others, and the relative error there."""
+    others = np.arange(len(case.values)) != case.number
+    lamps, left = case.directions, case.residuals(shadows)
+    off = left[case.number]
+    if neighbours is not None:
+        off = off - np.tensordot(neighbours.weights(lamps[others], lamps[case.number]), left[others], axes=1)
+    off = np.where(case.trusted[case.number], off, 0.0) * case.even[case.number]
+    return outside_hull(lamps[others], lamps[case.number]), float(np.sqrt(np.sum(off**2) / case.own.power))
 
 
 def _neighbours(cases: Sequence[HeldOutFit], shadows: Shadows | None) -> tuple[Neighbours | None, float]:

@@ -11,6 +11,7 @@ boxes cover, but for their rim. Where the photograph is clipped, it and the pred
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -42,6 +43,7 @@ RELIEF_RIM_PX = 1  # [px] ignored along the edge of the boxes in another view th
 PAGE_WHITE_PERCENTILE = 99.0  # percentile of the photograph's brightest channel that is the white of the pictures
 LEAST_COVERAGE = 0.99  # least coverage of a pixel by the boxes for it to be compared in another view
 Array = NDArray[np.float64]
+BESIDE_HULL = 1e-3  # [rad] a lamp that is nearer to the hull of the others is among them
 LEAST_LIT = 1e-3  # of the brightest pixel: a darker one does not tell what share of the light passes
 CLIPPED = 0.98  # of the largest valid value: masked values from there on are clipped, and compared
 PREDICTIONS = {
@@ -70,6 +72,12 @@ class PredictionRecord(ForeignRecord, frozen=True, kw_only=True):
     lamps: Annotated[list[str], about("description of each lamp")]
     compared: Annotated[dict[str, dict[str, Any]], about("difference of each prediction from the photograph")]
     object_pixels: Annotated[int | None, about("pixels of the object; those compared are covered by the boxes")] = None
+    expected_error: Annotated[
+        float | None, about("relative error of the boxes, with what was learnt, that photographs left out let expect")
+    ] = None
+    outside_deg: Annotated[
+        float | None, about("angle of the lamp from the hull of the lamps measured [°]; 0: in it")
+    ] = None
     linearity: Annotated[
         dict[str, Any] | None, about("what the shading says about the transfer of what was measured; null: not tested")
     ] = None
@@ -84,7 +92,8 @@ class Prediction:
     value `white` of the photograph; values of the camera where its response is not known. predictions: key of
     PREDICTIONS → (h, w, 3) likewise; all but "boxes" only for the measured view. mask: (h, w) pixels that are
     compared, of object_pixels that the photograph shows of the object. compared: key of PREDICTIONS → its difference
-    from the photograph. lamps: description of each lamp.
+    from the photograph. lamps: description of each lamp. expected: relative error of the boxes with what was learnt
+    that photographs left out let expect of a lamp so far `outside` the hull of those measured [rad]; None: unknown.
     """
 
     name: str
@@ -97,6 +106,8 @@ class Prediction:
     white: float
     lamps: tuple[str, ...]
     object_pixels: int
+    expected: float | None = None
+    outside: float | None = None
 
     @property
     def of_boxes(self) -> str:
@@ -110,6 +121,14 @@ class Prediction:
             f"ΔE00 {figures.delta_e_2000:.2f})"
         )
 
+    @property
+    def forecast(self) -> str:
+        """What was expected, in words; "" where nothing was."""
+        if self.expected is None or self.outside is None:
+            return ""
+        where = f"{math.degrees(self.outside):.2g}° outside" if self.outside > BESIDE_HULL else "among"
+        return f"{100 * self.expected:.1f} % were expected of a lamp {where} those measured"
+
     def record(self) -> dict[str, Any]:
         """Its entry in relit.json."""
         return {
@@ -118,6 +137,8 @@ class Prediction:
             "lamps": list(self.lamps),
             "compared": {key: figures.record() for key, figures in self.compared.items()},
             "object_pixels": self.object_pixels,
+            "expected_error": self.expected,
+            "outside_deg": None if self.outside is None else math.degrees(self.outside),
             "hagoromo": written_by(),
         }
 

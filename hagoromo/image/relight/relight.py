@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from hagoromo.errors import InputError
 from hagoromo.files.whole import scratch_folder
 from hagoromo.image.relight.learnt import Learnt, learn
-from hagoromo.image.relight.prediction import passed_by_boxes, predict
+from hagoromo.image.relight.prediction import Prediction, passed_by_boxes, predict
 from hagoromo.image.relight.relighting import MEASURED_FOLDER, Relighting
 from hagoromo.image.relight.stage import Stage, check_channels, make_stage
 from hagoromo.image.relight.yardstick import Yardstick, yardstick_of
@@ -78,10 +78,23 @@ def relight(
             progress(MEASURING_SHARE + (1.0 - MEASURING_SHARE) * number / len(held_out), photograph.name)
             field, corrected = (None, photograph) if used is None else _under(used, stage, photograph)
             by_lambert = _of_yardsticks(yardsticks, stage, photograph)
-            predictions.append(predict(stage, corrected, number, home, by_lambert, learnt, field))
+            found = predict(stage, corrected, number, home, by_lambert, learnt, field)
+            predictions.append(_with_forecast(found, measurement, learnt.get("boxes_learnt")))
     progress(1.0, "")
     left_out = learnt["boxes_learnt"].error if learnt else None
     return Relighting(measurement, stage, tuple(predictions), left_out)
+
+
+def _with_forecast(prediction: Prediction, measurement: Measurement, learnt: Learnt | None) -> Prediction:
+    """The prediction with the error that was to be expected of it, in the measured view and with what was learnt."""
+    departure = measurement.lamp_departure
+    if learnt is None or departure is None or "boxes_learnt" not in prediction.predictions:
+        return prediction
+    middle = learnt.solved.views.points.mean(axis=0)
+    lamps = (lamp.direction_and_irradiance(middle[None])[0][0] for lamp in prediction.source.lamps)
+    outside = max(learnt.outside(to_lamp) for to_lamp in lamps)
+    expected = float(np.hypot(learnt.forecast.error(outside), departure.photograph))
+    return replace(prediction, expected=expected, outside=outside)
 
 
 def _under(rig: Rig, stage: Stage, photograph: Photograph) -> tuple[NDArray[np.float32], Photograph]:

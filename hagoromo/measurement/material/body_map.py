@@ -61,8 +61,8 @@ class SeparatedParts:
 class BodyMap:
     """Body colour of each pixel: value, α c_b (h, w, C) [1/sr], NaN or 0 where unknown.
 
-    error: its standard error (h, w, C), NaN where unknown; None where the colours were solved together with the shape,
-    which gives none. materials; labels: (h, w) index into them. white: (C,) colour of the lamps where it was measured.
+    error: its standard error (h, w, C), NaN where unknown; None where it was not estimated. materials; labels: (h, w)
+    index into them. white: (C,) colour of the lamps where it was measured.
     gloss: of each pixel, where it varies.
     """
 

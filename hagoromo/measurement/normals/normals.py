@@ -22,6 +22,7 @@ from hagoromo.measurement.material.segment import segment
 from hagoromo.measurement.normals.gloss_choice import BY_EVIDENCE, GlossModel, choose_gloss
 from hagoromo.measurement.normals.lamp_shift import shifted_lamps
 from hagoromo.measurement.normals.lobe_fit import with_lobes
+from hagoromo.measurement.normals.normal_errors import with_errors
 from hagoromo.measurement.normals.photometric_model import Fit, Prior, precision
 from hagoromo.measurement.normals.photometric_rounds import independent_share
 from hagoromo.measurement.normals.photometric_step import PixelProblem
@@ -41,7 +42,8 @@ SUBSET = 2000  # pixels from which gloss and lamps are estimated
 class NormalMap:
     """Solved normals of h × w pixels in C channels.
 
-    normals: (h, w, 3) unit, world axes, 0 where unknown. variance: (h, w) of their direction [rad²], inf where unknown.
+    normals: (h, w, 3) unit, world axes, 0 where unknown. variance: (h, w) of their direction [rad²], inf where unknown:
+    what each pixel has of its own (`own_variance`), and what all share (`modes`).
     body: (h, w, C) α c_b of each pixel [1/sr], 0 where unknown. labels: (h, w) of the materials, −1 unknown.
     fit, views: the photometric fit and the pixels that it was made from.
     """
@@ -52,6 +54,28 @@ class NormalMap:
     labels: NDArray[np.integer]
     fit: Fit
     views: Views
+
+    @property
+    def own_variance(self) -> NDArray[np.float32]:
+        """(h, w) variance of the direction [rad²] that is independent between pixels, inf where unknown."""
+        errors = self.fit.errors
+        return self.variance if errors is None else self.views.image(errors.own.astype(np.float32), np.inf)
+
+    @property
+    def modes(self) -> NDArray[np.float32] | None:
+        """(m, h, w, 3) changes of the normals [rad] by errors that all pixels share, each of variance 1; world axes."""
+        errors = self.fit.errors
+        if errors is None:
+            return None
+        return np.stack([self.views.image(mode.astype(np.float32)) for mode in errors.modes])
+
+    @property
+    def body_error(self) -> Array | None:
+        """(h, w, C) standard error of `body` [1/sr] beside those of other pixels, NaN where unknown."""
+        errors = self.fit.errors
+        if errors is None:
+            return None
+        return self.views.image((self.fit.body * np.sqrt(errors.body_variance)).T, np.nan)
 
     def __repr__(self) -> str:
         height, width = self.labels.shape
@@ -80,7 +104,13 @@ def solve_normals(
     progress(0.8, "lobes")
     solved = with_further_lobes(capture, solved)
     progress(0.9, "gloss")
-    return with_own_gloss(solved)
+    return with_shared_errors(with_own_gloss(solved))
+
+
+def with_shared_errors(solved: NormalMap) -> NormalMap:
+    """`solved` with errors that also hold where lamps and reflectance are not as stated: see `normal_errors`."""
+    fit = with_errors(solved.views, solved.fit)
+    return replace(solved, fit=fit, variance=solved.views.image(fit.variance.astype(np.float32), np.inf))
 
 
 def with_further_lobes(capture: Capture, solved: NormalMap) -> NormalMap:
@@ -266,6 +296,7 @@ def fit_together(views: Views, start: Fit, prior: Prior, model: GlossModel = BY_
         covariance=covariance,
         lamp_variance=step.relative_variance(),
         prior=step.problem.prior,
+        share=share * len(chosen) / count,
         choice=choice,
         status=status,
     )

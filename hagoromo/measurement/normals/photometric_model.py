@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from hagoromo.least_squares.fit_status import FitStatus
 from hagoromo.least_squares.loss import CAUCHY_SCALE
 from hagoromo.measurement.normals.own_gloss import OWN, OwnGloss, OwnGlossTest
+from hagoromo.measurement.normals.pixel_errors import PixelErrors
 from hagoromo.measurement.normals.shading import TAIL, Gloss, shading
 from hagoromo.measurement.normals.views import Array, Views
 from hagoromo.measurement.photometric.reading import reading
@@ -66,7 +67,9 @@ class Fit:
     the interface (`lobe_fit`); None: every material has one. own: gloss of each pixel (`solved_gloss`), of which that
     of the material is the mean; None: one gloss for all pixels of a material. own_tests: of each material, why; None
     where it was not tested. lamp_variance: (K, 6) of strength and slope less their means over the lamps, and of
-    shift; None where they were not fitted. prior: of lamps and bodies, with the scales that were learnt.
+    shift; None where they were not fitted. prior: of lamps and bodies, with the scales that were learnt. share:
+    effective number of independent values per value. errors: of each pixel and of all, of which `variance` is the sum;
+    None: `variance` is that of noise and model error alone.
     """
 
     normals: Array
@@ -89,6 +92,8 @@ class Fit:
     own_tests: tuple[OwnGlossTest | None, ...] = ()
     lamp_variance: Array | None = None
     prior: Prior | None = None
+    share: float = 1.0
+    errors: PixelErrors | None = None
 
     @property
     def rows(self) -> Array:
@@ -112,7 +117,8 @@ class Fit:
         names = ("normals", "labels", "variance", *([] if self.pixel_status is None else ["pixel_status"]))
         parts = {name: getattr(self, name)[chosen] for name in names}
         own = None if self.own is None else self.own.pixels(chosen)
-        return replace(self, body=self.body[:, chosen], own=own, **parts)
+        errors = None if self.errors is None else self.errors.pixels(chosen)
+        return replace(self, body=self.body[:, chosen], own=own, errors=errors, **parts)
 
 
 def evenness(strength: Array, slope: Array, place: Array) -> Array:

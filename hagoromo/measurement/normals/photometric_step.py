@@ -7,6 +7,7 @@ from Lambert's law would be explained by uneven lamps.
 
 from __future__ import annotations
 
+import copy
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -53,8 +54,7 @@ class PixelStep:
     def __init__(self, problem: PixelProblem, fit: Fit) -> None:
         self.problem, self.fit, views = problem, fit, problem.views
         self.lamps: Shifted = shifted(views, fit.shift, fit.depth)
-        gloss = fit.gloss.rows[fit.labels]
-        self.shade: Shading = shading(fit.normals, self.lamps.to_lamp, views.to_eye, gloss)
+        self.shade: Shading = shading(fit.normals, self.lamps.to_lamp, views.to_eye, fit.rows)
         self.even = (fit.evenness(problem.place) * np.exp(self.lamps.light))[:, None]  # (K, 1, P)
         self.colour = fit.interface_colour  # (C, P)
         self.model = self.even * self._reading(self.shade.body, self.shade.interface)
@@ -120,6 +120,41 @@ class PixelStep:
             depth=fit.depth + depth_change,
         )
 
+    def without(self, lamps: NDArray[np.intp]) -> PixelStep:
+        """The same problem without the photographs of some lamps, at the same fit."""
+        other, (count, channels, pixels) = copy.copy(self), self.model.shape
+        weight = self.weight_of_rows.reshape(pixels, count, channels).copy()
+        weight[:, lamps] = 0.0
+        other.weight_of_rows = weight.reshape(pixels, -1)
+        other.__dict__.pop("_undamped", None)
+        return other
+
+    def newton(self, pull: Array) -> tuple[Array, Array]:
+        """Changes of the pixels (P, 2 + C), turns and body colours, and of what they share, in a Gauss–Newton step.
+
+        pull: slope of a further prior, of what they share.
+        """
+        outer, rhs, solved = self._reduced(1e-6)
+        change = np.linalg.solve(outer, rhs + pull).astype(np.float64)
+        return solved[..., -1] - solved[..., :-1] @ change, change
+
+    def lamps_left_out(self, ridge: float) -> tuple[Array, Array, Array]:
+        """Curvature of each pixel (P, 2 + C, 2 + C); change (P, K, 2 + C) of its turns and body colours when each lamp
+        is left out, for fixed gloss and lamps; and the same change by the curvature with all lamps.
+
+        ridge: share of the curvature that is left without the lamp.
+        """
+        count, channels, pixels = self.model.shape
+        local = self._slopes[0].reshape(pixels, count, channels, -1)
+        weighed = (
+            np.swapaxes(local * self.weight_of_rows.reshape(pixels, count, channels, 1), 2, 3) / self.problem.share
+        )
+        each = weighed @ local
+        bread = each.sum(axis=1) + 1e-9 * np.eye(2 + channels)
+        score = -weighed @ _rows(self.deviation).reshape(pixels, count, channels, 1)
+        without = (1.0 + ridge) * bread[:, None] - each
+        return bread, np.linalg.solve(without, score)[..., 0], np.linalg.solve(bread[:, None], score)[..., 0]
+
     def covariances(self) -> tuple[Array, Array]:
         """(M, G, G) of each material's row of gloss, (K, OF_LAMP) variance of lamps; the rest is free."""
         outer, _ = self._undamped
@@ -149,7 +184,7 @@ class PixelStep:
         """The profile of terms that change the values by `changes` (T, K, C, P), with all that is fitted eliminated;
         and the change (M, G, T) of the gloss by each.
         """
-        local, gloss, lamps, depth = self._slopes()
+        local, gloss, lamps, depth = self._slopes
         weight = self.weight_of_rows[..., None]
         terms = np.stack([_rows(change) for change in changes], axis=-1)  # (P, K·C, T)
         weighed = np.swapaxes(local * weight, 1, 2)
@@ -186,7 +221,7 @@ class PixelStep:
     def _reduced(self, damping: float) -> tuple[Array, Array, Array]:
         """Normal equations of gloss, lamps, depth with the pixels eliminated; the pixels' part (P, 2 + C, · + 1)."""
         channels = self.model.shape[1]
-        local, gloss, lamps, depth = self._slopes()
+        local, gloss, lamps, depth = self._slopes
         weighed = np.ascontiguousarray(np.swapaxes(local * self.weight_of_rows[..., None], 1, 2))  # (P, 2 + C, K·C)
         inner = weighed @ local
         inner += damping * inner * np.eye(2 + channels) + 1e-9 * np.eye(2 + channels)
@@ -197,6 +232,7 @@ class PixelStep:
         across = border.reshape(-1, len(rhs)).T @ solved.reshape(-1, len(rhs) + 1)
         return outer - across[:, :-1], rhs - across[:, -1], solved.astype(np.float64)
 
+    @cached_property
     def _slopes(self) -> tuple[Array, Array, Array, Array]:
         """Slopes of the values (P, K·C, ·) by own turns and body colours, own material's gloss, own lamp, and depth."""
         shade, (lamps, channels, pixels) = self.shade, self.model.shape

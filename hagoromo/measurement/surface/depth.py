@@ -12,7 +12,7 @@ Graph: pixels connected to their neighbours by expected differences, and the val
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -39,6 +39,7 @@ FAR = 10.0  # standard deviations by which such an edge may be stretched
 PATIENCE = 3.0  # standard deviations of the estimated depth that the smoothing removes as noise
 FAR_OFF = 20.0  # standard deviations at which a pixel is clipped before the smoothing
 UNSURE = 0.05  # of the median weight: less certain levels are ignored
+NEIGHBOURS = (0, np.s_[:, :-1], np.s_[:, 1:]), (1, np.s_[:-1, :], np.s_[1:, :])  # axis of a slope, both pixels
 NORMAL_DIFFERENCE = 0.9538726  # median of |a − b| of two independent standard normal numbers
 
 
@@ -54,11 +55,13 @@ class DepthEstimate:
 class DepthSurface:
     """points (h, w, 3) [m], world, 0 where unknown; variance (h, w) [m²] of their distance, inf where unknown.
 
-    Without an estimate of the depth, the variance is that of the shape at a fixed mean depth.
+    modes: (m, h, w) changes of the distance [m] by errors that all normals share; their squares are in the variance.
+    Without an estimate of the depth, errors are those of the shape at a fixed mean depth.
     """
 
     points: NDArray[np.float64]
     variance: NDArray[np.float32]
+    modes: NDArray[np.float32] | None = None
 
 
 def points_from_normals(
@@ -78,11 +81,13 @@ def surface_from_normals(
     variance: NDArray[np.floating] | None = None,
     estimate: DepthEstimate | None = None,
     draws: int = DRAWS,
+    modes: NDArray[np.floating] | None = None,
 ) -> DepthSurface:
     """The surface with `normals` (h, w, 3), world, 0 where unknown (points then too).
 
     distance: mean depth along the camera's axis [m] of each connected part, used without an `estimate`. variance:
-    (h, w) of the normals [rad²]. Neighbours are separated where their depths would have to jump to fit the rest
+    (h, w) of the normals [rad²], independent between pixels. modes: (m, h, w, 3) changes of the normals by errors that
+    all share, of variance 1 each. Neighbours are separated where their depths would have to jump to fit the rest
     (Cauchy's loss), and where `estimate` has a step. `InputError` when the lens is distorted, sizes differ, no normal
     is known or the distance is not positive.
     """
@@ -102,10 +107,24 @@ def surface_from_normals(
         else np.full(len(rows), np.inf)
     )
     points, errors = np.zeros(normals.shape), np.full(known.shape, np.inf, np.float32)
-    ray = _rays(camera, rows, columns)
-    points[rows, columns] = (ray * depth[:, None]) @ camera.camera_to_world[:3, :3].T + camera.position
-    errors[rows, columns] = spread * np.sum((ray * depth[:, None]) ** 2, axis=1)
-    return DepthSurface(points, errors)
+    ray = _rays(camera, rows, columns) * depth[:, None]
+    points[rows, columns] = ray @ camera.camera_to_world[:3, :3].T + camera.position
+    if modes is None or not draws:
+        errors[rows, columns] = spread * np.sum(ray**2, axis=1)
+        return DepthSurface(points, errors)
+    slopes = _slopes(normals, camera, known, variance)[0]
+    turned = (_slopes(_turned(normals, mode), camera, known, variance)[0] - slopes for mode in modes)
+    by = solved.responses(turned, 0.0 * weight if estimate is None else weight)
+    errors[rows, columns] = (spread + np.sum(by**2, axis=0)) * np.sum(ray**2, axis=1)
+    moved = np.zeros((len(by), *known.shape), np.float32)
+    moved[:, rows, columns] = by * np.linalg.norm(ray, axis=1)
+    return DepthSurface(points, errors, moved)
+
+
+def _turned(normals: NDArray[np.floating], by: NDArray[np.floating]) -> Array:
+    """Normals (h, w, 3) that are changed `by` as much, unit where they are known."""
+    moved = normals.astype(np.float64) + by
+    return moved / np.maximum(np.linalg.norm(moved, axis=2, keepdims=True), 1e-12)
 
 
 def anchored_surface(
@@ -232,6 +251,15 @@ class Graph:
             variance += (values if level_weight.any() else values - values.mean()) ** 2
         return variance / draws
 
+    def responses(self, slopes: Iterable[Array], level_weight: Array) -> Array:
+        """(m, P) changes of the values by changes of the slopes (h, w, 2), each; without levels, about their mean."""
+        solve, found = self._solver(self.open, level_weight + 1e-9 * self.typical), []
+        weight = self.weight * self.open
+        for change in slopes:
+            values = solve(self.difference.T @ (weight * _steps(self.known, change)))
+            found.append(values if level_weight.any() else values - values.mean())
+        return np.array(found).reshape(len(found), len(level_weight))
+
     def _rhs(self, part: Array) -> Array:
         return self.difference.T @ (self.weight * part * self.wanted)
 
@@ -244,23 +272,28 @@ class Graph:
         return splu(matrix, permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}).solve
 
 
+def _steps(known: NDArray[np.bool_], slopes: Array) -> Array:
+    """(E,) differences that slopes (h, w, 2) per column and row make between the neighbours of `graph`."""
+    wanted = []
+    for axis, first, second in NEIGHBOURS:
+        both = known[first] & known[second]
+        wanted.append(0.5 * (slopes[first][both][:, axis] + slopes[second][both][:, axis]))
+    return np.concatenate(wanted)
+
+
 def graph(known: NDArray[np.bool_], slopes: Array, variance: Array, step: float) -> Graph:
     """Neighbours of `known` (h, w) with `slopes` (h, w, 2) per column and row, each of `variance` (h, w)."""
     index = np.full(known.shape, -1)
     index[known] = np.arange(known.sum())
-    pairs, wanted, weights = [], [], []
-    for axis, first, second in (
-        (0, np.s_[:, :-1], np.s_[:, 1:]),
-        (1, np.s_[:-1, :], np.s_[1:, :]),
-    ):
+    pairs, weights = [], []
+    for axis, first, second in NEIGHBOURS:
         both = known[first] & known[second]
         pairs.append(np.stack([index[first][both], index[second][both]], axis=1))
         one, other = slopes[first][both][:, axis], slopes[second][both][:, axis]
-        wanted.append(0.5 * (one + other))
         weights.append(1.0 / (0.25 * (variance[first][both] + variance[second][both]) + (BEND * (other - one)) ** 2))
     weight = np.concatenate(weights)
     ones, zeros = np.ones(len(weight)), np.zeros(int(known.sum()))
-    return Graph(known, np.concatenate(pairs), np.concatenate(wanted), weight, ones, step, zeros)
+    return Graph(known, np.concatenate(pairs), _steps(known, slopes), weight, ones, step, zeros)
 
 
 def with_steps(net: Graph, level: Array, level_weight: Array, rounds: int) -> Graph:

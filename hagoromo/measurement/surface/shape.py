@@ -25,7 +25,13 @@ from hagoromo.errors import InputError
 from hagoromo.least_squares.fit_status import FitStatus, Status
 from hagoromo.least_squares.loss import CAUCHY_SCALE
 from hagoromo.measurement.normals.gloss_choice import BY_EVIDENCE, GlossModel
-from hagoromo.measurement.normals.normals import NormalMap, solve_with_one_lobe, with_further_lobes, with_own_gloss
+from hagoromo.measurement.normals.normals import (
+    NormalMap,
+    solve_with_one_lobe,
+    with_further_lobes,
+    with_own_gloss,
+    with_shared_errors,
+)
 from hagoromo.measurement.normals.photometric_model import Fit, Prior, precision
 from hagoromo.measurement.normals.photometric_rounds import independent_share
 from hagoromo.measurement.normals.pixel_fit import PixelConditions, PixelData, frame
@@ -113,12 +119,13 @@ def solve_shape(
         if not early and change < CONVERGED_CHANGE:
             status = Status.CONVERGED
             break
-    surface = surface_from_normals(normal_map.normals, camera, middle, normal_map.variance, depth)
     ended = FitStatus(status, round_ + 1, last_step=change)
-    normal_map = with_own_gloss(with_further_lobes(capture, normal_map))
+    normal_map = with_shared_errors(with_own_gloss(with_further_lobes(capture, normal_map)))
     if normal_map.fit.own is not None:
         depth = depth_estimate(normal_map)
-        surface = surface_from_normals(normal_map.normals, camera, middle, normal_map.variance, depth)
+    surface = surface_from_normals(
+        normal_map.normals, camera, middle, normal_map.own_variance, depth, modes=normal_map.modes
+    )
     progress(1.0, "")
     return SolvedShape(replace(normal_map, fit=replace(normal_map.fit, shape_status=ended)), surface, round_ + 1, ended)
 

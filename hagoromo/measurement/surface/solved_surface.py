@@ -96,7 +96,7 @@ def _solve(capture: Capture, distance: float, progress: Progress, model: GlossMo
         return shape.normal_map, shape.surface
     normals = solve_normals(capture, progress=progress, model=model)
     camera = capture.photographs[0].camera
-    return normals, surface_from_normals(normals.normals, camera, distance, normals.variance)
+    return normals, surface_from_normals(normals.normals, camera, distance, normals.own_variance, modes=normals.modes)
 
 
 def _solve_simply(

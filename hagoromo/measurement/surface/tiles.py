@@ -24,7 +24,12 @@ from hagoromo.measurement.normals.gloss_choice import BY_EVIDENCE, GlossModel
 from hagoromo.measurement.normals.highlight_check import angles
 from hagoromo.measurement.normals.lobe_fit import LOBE_PIXELS, FoundLobes, find_lobes, fit_with, with_bodies
 from hagoromo.measurement.normals.lobe_samples import CLIPPED, Trust, trust_of
-from hagoromo.measurement.normals.normals import NormalMap, robust_lambert, solve_with_one_lobe
+from hagoromo.measurement.normals.normals import (
+    NormalMap,
+    robust_lambert,
+    solve_with_one_lobe,
+    with_shared_errors,
+)
 from hagoromo.measurement.normals.photometric_model import Fit, Prior, evenness, precision
 from hagoromo.measurement.normals.pixel_fit import STILL_MOVING_SHARE, PixelConditions, fit_pixels
 from hagoromo.measurement.normals.shading import Gloss
@@ -95,9 +100,9 @@ def solve_coarse(
     if has_near_lamps(capture):
         shape = solve_shape(capture, distance, prior, progress, model)
         return Coarse(capture, shape.normal_map, shape.surface)
-    normal_map = solve_with_one_lobe(capture, prior=prior, progress=progress, model=model)
-    camera = capture.photographs[0].camera
-    surface = surface_from_normals(normal_map.normals, camera, distance, normal_map.variance)
+    normal_map = with_shared_errors(solve_with_one_lobe(capture, prior=prior, progress=progress, model=model))
+    camera, own = capture.photographs[0].camera, normal_map.own_variance
+    surface = surface_from_normals(normal_map.normals, camera, distance, own, modes=normal_map.modes)
     return _with_lobes(store, Coarse(capture, normal_map, surface))
 
 
@@ -202,7 +207,10 @@ def _solve_tile(shared: Shared, tile: int) -> SolvedTile | None:
     views, fit = solved.views, solved.fit
     if any(coarse.lobes):
         fit = with_bodies(views, fit_with(fit, coarse.lobes), solved.place, solved.trust, coarse.lobes)
-    return SolvedTile(views.rows, views.columns, fit.normals, fit.variance, fit.body.T, solved.converged, fit.labels)
+    errors, variance = coarse.normal_map.fit.errors, fit.variance
+    if errors is not None:
+        variance = variance + _nearest(store, coarse, errors.shared, (views.rows, views.columns))
+    return SolvedTile(views.rows, views.columns, fit.normals, variance, fit.body.T, solved.converged, fit.labels)
 
 
 class _Pixels(NamedTuple):
@@ -237,7 +245,7 @@ def _solved(
     lower = ~trusted[:, None] & (views.values >= CLIPPED * top)
     fine = replace(
         fit, normals=found.normals, body=found.body, variance=found.variance, labels=labels, gloss=Gloss(coarse.rows),
-        pixel_status=None, lobes=None, own=None,
+        pixel_status=None, lobes=None, own=None, errors=None,
     )  # fmt: skip
     return _Pixels(views, fine, place, Trust(trusted, lower), found.converged)
 
