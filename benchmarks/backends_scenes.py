@@ -12,8 +12,9 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from march import EYE, MATTER, TAU, VOXELS, reference_lamps, reference_voxels
+from march import EYE, MATTER, TAU, VOXELS, reference_lamps
 from orders_scenes import cloth, smoke
+from peers_scene import noisy_voxels
 from shells import FUZZY, MIDDLE, camera, lamps
 
 import hagoromo as hg
@@ -82,7 +83,7 @@ def of_recipe(name: str) -> Callable[[int], hg.Scene]:
 
 def reference_ball(_voxels: int) -> hg.Scene:
     """The noisy ball of `march.py`."""
-    voxels, pose = reference_voxels(), np.eye(4)
+    voxels, pose = noisy_voxels(), np.eye(4)
     pose[:3, 3] = -1.0
     box = hg.VolumeBox.from_arrays(voxels[..., 0], voxels[..., 1:], 2 / VOXELS, TAU, [MATTER], pose=pose)
     seen = hg.Camera(64, 64, (80.0, 80.0), (32.0, 32.0)).look_at(EYE, (0, 0, 0), (0, 1, 0))

@@ -5,7 +5,9 @@ with medium and maps made anew) took turns with a yardstick that has no code of 
 64² pixels, half a voxel a step (peers_numba.py). Both in CPU time of the process, medians of five rounds. Here the
 yardstick takes turns with our frames, so what is compared is times over that of the yardstick. Errors are those of the
 peers: root mean square over that of the reference, where there is matter. What our frames take at the error of a row of
-BEFORE is read off the straight line between two of our settings, in logarithms. Leaves: out/bench/equal_error.json.
+BEFORE is read off the straight line between two of our settings, in logarithms. ROUGH_BEFORE is the same of rough
+matter under three lamps that move (rough_scenes.py), each error against a fine march of its own version. Feather, hair
+and wing of 0.2.0 had the present voxels, opaque and of one reflectance. Leaves: out/bench/equal_error.json.
 
     python benchmarks/equal_error.py [--rounds 5]
 """
@@ -13,7 +15,6 @@ BEFORE is read off the straight line between two of our settings, in logarithms.
 from __future__ import annotations
 
 import tempfile
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,8 @@ import numpy as np
 from peers_hagoromo import prepared, reference
 from peers_numba import frames as numba_frames
 from peers_scene import STUDIES, Scene, make_matter
+from rough_scenes import built, cpu_seconds, numba_yardstick, rough
+from rough_scenes import measured as rough_times
 from turns import medians, options, record
 
 import hagoromo as hg
@@ -36,6 +39,35 @@ BEFORE = (  # shadows, tolerance, time over that of the yardstick, relative erro
     ("march", 0.04, 7.098, 0.00512),
     ("march", 0.02, 14.622, 0.00266),
 )
+# rough matter by 0.2.0, maps of its own choice, over the yardstick: 2026-11-27, Intel(R) Xeon(R) Processor, 2 cores
+# that other programs used, too (load 3 to 8); satin and stockinette were not measured
+ROUGH_BEFORE = (  # scene, shadows, tolerance, time over that of the yardstick, relative error
+    ("noisy ball", "map", 0.16, 0.804, 0.03601),
+    ("noisy ball", "map", 0.08, 1.215, 0.01886),
+    ("noisy ball", "map", 0.04, 1.879, 0.01391),
+    ("noisy ball", "map", 0.02, 3.328, 0.00899),
+    ("skin", "map", 0.16, 0.594, 0.02560),
+    ("skin", "map", 0.08, 0.826, 0.01281),
+    ("skin", "map", 0.04, 1.221, 0.00760),
+    ("skin", "map", 0.02, 2.102, 0.00411),
+    ("primary", "map", 0.16, 0.544, 0.04609),
+    ("primary", "map", 0.08, 0.740, 0.03849),
+    ("primary", "map", 0.04, 1.020, 0.01785),
+    ("primary", "map", 0.02, 1.501, 0.00753),
+    ("hair", "map", 0.16, 0.753, 0.03481),
+    ("hair", "map", 0.08, 1.073, 0.02226),
+    ("hair", "map", 0.04, 1.601, 0.01516),
+    ("hair", "map", 0.02, 2.592, 0.01037),
+    ("wing", "map", 0.16, 0.644, 0.15723),
+    ("wing", "map", 0.08, 0.953, 0.08615),
+    ("wing", "map", 0.04, 1.321, 0.04704),
+    ("wing", "map", 0.02, 2.241, 0.02190),
+    ("linen", "map", 0.16, 2.223, 0.16483),
+    ("linen", "map", 0.08, 2.506, 0.15601),
+    ("linen", "map", 0.04, 2.773, 0.15215),
+    ("linen", "map", 0.02, 3.333, 0.15064),
+)
+ROUGH_TOLERANCES = 0.64, 0.16, 0.04, 0.02
 TOLERANCES: dict[Shadows, tuple[float, ...]] = {
     "map": (0.64, 0.32, 0.16, 0.08, 0.04, 0.02),
     "march": (0.64, 0.32, 0.16, 0.08, 0.04),
@@ -52,9 +84,23 @@ def main() -> None:
         scene, small = (Scene(study[ball], Path(name)) for ball in ("ball, 1 lamp", "ball, 1 lamp, 64 px"))
         own = measured(scene, numba_frames(small)[YARDSTICK], rounds)
     rows = [against(own, *row) for row in BEFORE]
-    for row in rows:
+    rough_rows, rough_own = against_in_rough_matter(rounds)
+    for row in (*rows, *rough_rows):
         print(row)
-    record("equal_error", {"rounds": rounds, "own": own, "rows": rows})
+    figures = {"rounds": rounds, "own": own, "rows": rows, "rough": rough_rows, "rough_own": rough_own}
+    record("equal_error", figures)
+
+
+def against_in_rough_matter(rounds: int) -> tuple[list[dict[str, Any]], dict[str, list[dict[str, Any]]]]:
+    """Rows of ROUGH_BEFORE beside our times at their errors, and our own rows by scene; see rough_scenes.py."""
+    yardstick, settings = numba_yardstick(), [hg.Settings(tolerance=each) for each in ROUGH_TOLERANCES]
+    names = dict.fromkeys(row[0] for row in ROUGH_BEFORE)
+    own = {name: rough_times(rough(name, built(name)), settings, yardstick, rounds) for name in names}
+    rows = [
+        {"scene": name, **against(own[name], shadows, tolerance, taken, error)}
+        for name, shadows, tolerance, taken, error in ROUGH_BEFORE
+    ]
+    return rows, own
 
 
 def measured(scene: Scene, yardstick: Callable[[], Any], rounds: int) -> list[dict[str, Any]]:
@@ -79,13 +125,6 @@ def measured(scene: Scene, yardstick: Callable[[], Any], rounds: int) -> list[di
         }
         for key, seen in pictures.items()
     ]  # fmt: skip
-
-
-def cpu_seconds(frame: Callable[[], Any]) -> float:
-    """CPU time of all threads of the process in one frame [s]."""
-    start = time.process_time()
-    frame()
-    return time.process_time() - start
 
 
 def against(

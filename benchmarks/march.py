@@ -15,6 +15,7 @@ from typing import Any
 
 import drjit as dr
 import numpy as np
+from peers_scene import noisy_voxels
 from plain_march import Grid, plain_march
 from prototypes import prototype_frames
 from turns import Frame, in_turn, options, record
@@ -57,18 +58,6 @@ def main() -> None:
     record("march", {"rounds": rounds, "frames": rows, "shadow_error": scene.shadow_errors()})
 
 
-def reference_voxels() -> np.ndarray:
-    """Density and outward normal (z, y, x, 4) of the noisy ball of radius 0.8 in the cube −1…1."""
-    rng = np.random.default_rng(0)
-    centres = (np.arange(VOXELS) + 0.5) / VOXELS * 2 - 1
-    z, y, x = np.meshgrid(centres, centres, centres, indexing="ij")
-    noise = 0.5 + rng.random((VOXELS,) * 3)
-    density = (np.clip((0.8 - np.sqrt(x * x + y * y + z * z)) * 20, 0, 1) * noise).astype(np.float32)
-    normal = -np.stack([np.gradient(density, axis=axis) for axis in (2, 1, 0)], -1)
-    normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-6)
-    return np.concatenate([density[..., None], normal], -1)
-
-
 def reference_lamps(turn: float) -> tuple[hg.Lamp, ...]:
     """The three lamps, turned by `turn` about the z axis [rad]."""
     rotation = np.array([[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]])
@@ -88,7 +77,7 @@ class ReferenceScene:
     """KERNEL's scene on the device, and the product's frames of it; the lamps stand elsewhere in each mapped one."""
 
     def __init__(self) -> None:
-        self.voxels, pose = reference_voxels(), np.eye(4)
+        self.voxels, pose = noisy_voxels(), np.eye(4)
         pose[:3, 3] = -1.0
         density, normal = self.voxels[..., 0], self.voxels[..., 1:]
         self.box = hg.VolumeBox.from_arrays(density, normal, 2 / VOXELS, TAU, [MATTER], pose=pose)

@@ -107,12 +107,22 @@ def sphere_phase(cos_phase: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def make_matter(folder: Path) -> None:
     """Write the densities of both kinds of matter, and the normals of the ball, into `folder`."""
-    from march import reference_voxels
-
-    ball = reference_voxels()
+    ball = noisy_voxels()
     np.save(folder / "ball.npy", ball[..., 0])
     np.save(folder / "ball_axis.npy", ball[..., 1:])
     np.save(folder / "cloud.npy", cloud_density())
+
+
+def noisy_voxels() -> np.ndarray:
+    """Density and outward normal (z, y, x, 4) of the noisy ball of radius 0.8 in the cube −1…1."""
+    rng = np.random.default_rng(0)
+    centres = (np.arange(VOXELS) + 0.5) / VOXELS * 2 - 1
+    z, y, x = np.meshgrid(centres, centres, centres, indexing="ij")
+    noise = 0.5 + rng.random((VOXELS,) * 3)
+    density = (np.clip((0.8 - np.sqrt(x * x + y * y + z * z)) * 20, 0, 1) * noise).astype(np.float32)
+    normal = -np.stack([np.gradient(density, axis=axis) for axis in (2, 1, 0)], -1)
+    normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-6)
+    return np.concatenate([density[..., None], normal], -1)
 
 
 def cloud_density() -> NDArray[np.float32]:

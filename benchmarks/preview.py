@@ -18,7 +18,8 @@ from dataclasses import replace
 
 import drjit as dr
 import numpy as np
-from march import LAMPS, TAU, VOXELS, reference_voxels
+from march import LAMPS, TAU, VOXELS
+from peers_scene import noisy_voxels
 
 import hagoromo as hg
 from hagoromo.backend import name as backend_name
@@ -31,7 +32,7 @@ Change = Callable[[hg.Scene, int], hg.Scene]
 
 def reference_scene(width: int, height: int) -> hg.Scene:
     """KERNEL's scene through a camera of width × height pixels."""
-    voxels, pose = reference_voxels(), np.eye(4)
+    voxels, pose = noisy_voxels(), np.eye(4)
     pose[:3, 3] = -1.0
     matter = [hg.Reflectance(0.25, 0.3, 0.2, 1.5, WHITE)]
     box = hg.VolumeBox.from_arrays(voxels[..., 0], voxels[..., 1:], 2 / VOXELS, TAU, matter, pose=pose)

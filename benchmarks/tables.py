@@ -46,7 +46,12 @@ def equal_error_table(found: Mapping[str, Any]) -> str:
     }  # fmt: skip
     names = {"map": "shadow maps", "march": "marched shadows"}
     rows = [row | {"shadows": names[row["shadows"]], "percent": 100 * row["error"]} for row in found["rows"]]
-    return f"{table(head, rows)}\n\nTimes are in units of the yardstick's; medians of {found['rounds']} rounds."
+    text = f"{table(head, rows)}\n\nTimes are in units of the yardstick's; medians of {found['rounds']} rounds."
+    rough = [{**row, "percent": 100 * row["error"]} for row in found.get("rough", ())]
+    if not rough:
+        return text
+    head = {"scene": "rough matter", **{key: word for key, word in head.items() if key != "shadows"}}
+    return f"{text}\n\n{table(head, rough)}"
 
 
 ORDERS = {

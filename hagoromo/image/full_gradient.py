@@ -96,7 +96,7 @@ def full_gradient(scene: Scene, by_weights: ArrayLike, settings: Settings | None
 
 def _of_batch(scene: Scene, settings: Settings, bands: Bands, by_light: NDArray[np.float64]) -> NDArray[np.float64]:
     """The derivative (colours, bands) from that by the light of higher orders, (height, width, groups, bands)."""
-    prepared = PreparedScene(scene, settings, SceneCache())
+    prepared = PreparedScene(scene, settings, SceneCache(), by_camera=False)
     assert prepared.medium is not None
     palette, colours = prepared.palette, ColoursAndShares(bands, prepared.palette)
     size = cell_size(prepared.medium.boxes, len(palette.lamps) * bands.count)

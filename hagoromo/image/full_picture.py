@@ -132,7 +132,7 @@ class SolvedScene:
     """
 
     def __init__(self, scene: Scene, settings: Settings, bands: Bands, cache: SceneCache) -> None:
-        self.prepared, self.bands = PreparedScene(scene, settings, cache), bands
+        self.prepared, self.bands = PreparedScene(scene, settings, cache, by_camera=False), bands
         field, surface_light = light_of(scene, self.prepared, settings, bands, cache)
         self.prepared.lighting.field, self.prepared.lighting.surface_light = field, surface_light
         self.record: dict[str, Any] = {"mode": "full", "bands_error": bands.error}

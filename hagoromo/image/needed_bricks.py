@@ -14,7 +14,7 @@ from hagoromo.camera.camera import Camera
 from hagoromo.image.scene import Scene
 from hagoromo.image.settings import Settings
 from hagoromo.light.lamp import Lamp
-from hagoromo.transport.shadow import fitting_resolution, voxels_across
+from hagoromo.transport.shadow import ROUGH_FIGURES, fitting_resolution, voxels_across
 from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.voxels import BRICK
 
@@ -102,6 +102,9 @@ def _margin(scene: Scene, settings: Settings) -> float:
     bias = BIASES * max(box.shadow_bias for box in scene.boxes)
     if settings.shadows != "map":
         return bias
-    resolution = settings.shadow_resolution or fitting_resolution(scene.boxes, settings.tolerance)
+    fewest = ROUGH_FIGURES[0] * fitting_resolution(
+        scene.boxes, settings.tolerance
+    )  # whether matter is rough is not known
+    resolution = settings.shadow_resolution or fewest
     across = voxels_across(scene.boxes) * min(box.voxel_size for box in scene.boxes)
     return bias + TEXELS * across / resolution

@@ -30,7 +30,14 @@ from hagoromo.transport.materials import Materials
 from hagoromo.transport.medium import Medium
 from hagoromo.transport.palette import Palette
 from hagoromo.transport.sample import TexelHit
-from hagoromo.transport.shadow import brute_attenuation, fitting_resolution, mapped_attenuation, too_wide_for_maps
+from hagoromo.transport.shadow import (
+    brute_attenuation,
+    fitting_resolution,
+    map_resolution,
+    mapped_attenuation,
+    marching_is_quicker,
+    too_wide_for_maps,
+)
 from hagoromo.transport.surface_colours import SurfaceColours, surface_element
 from hagoromo.volume.box import VolumeBox
 
@@ -66,6 +73,7 @@ class PreparedScene:
     stride: camera pixels along a side of one of the picture; a coarse one needs no more texels of shadow maps.
     together: see `Lighting`; where there are shadow maps, lamps at one place always are.
     medium: class of the medium.
+    by_camera: whether nothing but the rays of the camera looks up shadows; see `marching_is_quicker`.
     """
 
     def __init__(
@@ -76,6 +84,7 @@ class PreparedScene:
         stride: int = 1,
         together: bool = True,
         medium: type[Medium] = Medium,
+        by_camera: bool = True,
     ) -> None:
         cache, world, self.origin = cache or SceneCache(), scene, scene_origin(scene)
         scene = scene_from(world, self.origin)
@@ -95,12 +104,13 @@ class PreparedScene:
         sheets = any(surface.reflectance.transmits for surface in scene.surfaces)
         self.thickness = 2.0 * self.surfaces.shadow_bias if self.surfaces and sheets else None  # see `surface_element`
         self.surface_colours = _surface_colours(scene, self.palette, cache)
+        rays = camera.width * camera.height * settings.samples if by_camera and stride == 1 else None
         boxes_shade: Attenuation | None = None
         attenuation: Attenuation | AttenuationOfAll | None = None
         if medium.differentiable and settings.shadows != "none":
             attenuation = _attenuation_of_all(self.medium, self.surfaces)
         elif self.medium and (
-            settings.shadows == "march" or (settings.shadows == "map" and too_wide_for_maps(self.medium))
+            settings.shadows == "march" or (settings.shadows == "map" and _marched(self.medium, settings, rays))
         ):
             boxes_shade = brute_attenuation(self.medium)
         elif self.medium and settings.shadows == "map":
@@ -247,11 +257,20 @@ def _attenuation_of_all(medium: Medium | None, surfaces: Surfaces | None) -> Att
     return shares
 
 
+def _marched(medium: Medium, settings: Settings, rays: int | None) -> bool:
+    """Whether shadows are marched in place of maps; rays: all that look them up, None where they are not counted."""
+    if too_wide_for_maps(medium):
+        return True
+    if rays is None or settings.shadow_resolution:
+        return False
+    return marching_is_quicker(medium, fitting_resolution(medium.boxes, settings.tolerance), rays)
+
+
 def _maps(scene: Scene, settings: Settings, medium: Medium, cache: SceneCache, texels: int | None) -> Any:
     """Shadow maps of the lamps: with at most `texels` a side, if given, unless finer ones are there already."""
     casters, resolution = shadow_casters(scene, settings), settings.shadow_resolution
     lamps = [scene.lamps[numbers[0]] for numbers in by_place(scene.lamps)]
-    resolution = resolution or fitting_resolution(medium.boxes, settings.tolerance)
+    resolution = resolution or map_resolution(medium, settings.tolerance)
     if texels:
         resolution = min(resolution, max(texels, COARSEST_MAP))
         if cache.key("maps")[:1] == (casters,):

@@ -48,7 +48,7 @@ class RayMarch:
         lit, kind = lit_by_points(scene, settings)[0], DifferentiableMedium if differentiable else Medium
         if differentiable and settings.shadows == "map":  # maps are made once, and would be held fixed
             settings = replace(settings, shadows="march")
-        self._prepared = PreparedScene(lit, settings, medium=kind)
+        self._prepared = PreparedScene(lit, settings, medium=kind, by_camera=False)
         self.palette = self._prepared.palette
 
     @property

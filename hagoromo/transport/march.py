@@ -9,7 +9,8 @@ then stands for all matter behind it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 import drjit as dr
 
@@ -18,6 +19,7 @@ from hagoromo.transport.crossing import Cone, Crossing, MarchInterval, selected
 from hagoromo.transport.intervals import boxes_at, depth_at, in_slot, nothing_open, opened, put
 from hagoromo.transport.lighting import Lighting
 from hagoromo.transport.medium import Limit, Medium, share_at_depth
+from hagoromo.transport.sample import Element, TexelHit
 
 END_TRANSMITTANCE = 1e-2  # a ray ends below this transmittance, at DEFAULT_TOLERANCE
 OPAQUE_OPTICAL_DEPTH = 16.0  # a shadow ray ends beyond this optical depth: exp(−16) = 1e-7
@@ -26,6 +28,7 @@ UNKNOWN_RATE = 1e30  # stands for the rate of light at the first sample
 FIRST_RATE = 3.0  # rate of light that steps are made for behind the first sample, where none is known yet
 FIRST_STEP = 0.5  # of the deepest step: the first one in matter
 LARGEST_RATE = 30.0  # of light that steps are made for: that of a lamp 2° above a face
+PLACES = (-2.0 / math.sqrt(3.0), 0.0, 2.0 / math.sqrt(3.0))  # of a step in rough matter, see `_elements_along`
 SLOW_RATE = 0.4  # a step may be 1 / (SLOW_RATE (1 + rate)) of the deepest one
 
 
@@ -268,19 +271,36 @@ def radiance_from_sample(
     coloured: the step at the place of its colour. Density times colour is interpolated, so that the middle of the step,
     without regard to where more of the matter is, stands for both together.
     """
-    elements, texel_hit = medium.elements(step, direction)
+    elements, texel_hit = _elements_along(medium, step, direction) if medium.rough else medium.elements(step, direction)
     coefficients = [lighting.materials.coefficients(element.material) for element in elements]
     if lighting.voxel_bases:
-        coefficients[0] = lighting.with_voxel_colour(coefficients[0], step.ray.box, medium.colour(coloured))
+        colour, first = medium.colour(coloured), len(coefficients) // (len(PLACES) if medium.rough else 1)
+        coefficients[::first] = [lighting.with_voxel_colour(c, step.ray.box, colour) for c in coefficients[::first]]
     extinction = step.depth / (step.end - step.begin)
     light, lamps = lighting.reflected_radiance(point, -direction, elements, coefficients, texel_hit, extinction)
     smooth = lighting.field.scattered(point, -direction, elements, coefficients) if lighting.field else []
     return light, lamps, smooth
 
 
+def _elements_along(medium: Medium, step: MarchInterval, direction: Array3f) -> tuple[list[Element], TexelHit | None]:
+    """Elements at several places of a step, each with its share: in rough matter those of one place are no mean.
+
+    Light that arrives changes less: that of one place stands for all.
+    """
+    middle, spread = centroid(step.depth), dr.rsqrt(12.0 + step.depth * step.depth)  # and deviation of exp(−D)
+    elements: list[Element] = []
+    texel_hit: TexelHit | None = None
+    for place in PLACES:
+        share = share_at_depth(clip(dr.fma(place, spread, middle), 0.0, 1.0), step.growth)
+        here = medium.sample(step, dr.fma(share, step.end - step.begin, step.begin))
+        each, texel_hit = medium.elements(here, direction)
+        elements += [replace(element, share=element.share * (1.0 / len(PLACES))) for element in each]
+    return elements, texel_hit
+
+
 @dr.syntax
 def optical_depth(
-    medium: Medium, origin: Array3f, direction: Array3f, near: Float, far: Float, deepest: float = OPAQUE_OPTICAL_DEPTH
+    medium: Medium, origin: Array3f, direction: Array3f, near: Float, far: Float, deepest: Float = OPAQUE_OPTICAL_DEPTH
 ) -> Float:
     """∫ σ du along rays from `near` to `far` [m], exact where densities are trilinear; it ends beyond `deepest`."""
     crossing = medium.cross(origin, direction, near, far)

@@ -52,6 +52,7 @@ NEGLIGIBLE_OPTICAL_DEPTH = 1e-6  # a step of less optical depth counts as empty,
 NEGLIGIBLE_SHARE = 1e-3  # of the optical depth of a box's thickest voxel: a step of more never counts as empty
 LEAST_DEPTH = 1e-30  # that single precision computes with
 CLEARANCE_SHARE = 0.8  # share of a clearance that one step may skip: it is interpolated, not exact
+ROUGH = 0.1  # roughness of axes, see `Bricks.character`, from which a step is shaded at several places
 MOST_PARTS_IN_TEXEL = 64.0  # of a step in a texel
 GAUSS_NODE = 1.0 / math.sqrt(3.0)  # of two, from the middle of an interval, in halves of it
 Limit = Callable[[MarchInterval], Float]  # into how many parts of equal optical depth a step is cut
@@ -82,9 +83,21 @@ class Medium:
         self.textures, self.flakes = self.frames.textures, flakes_of(boxes)
         shadow_biases = np.array([box.shadow_bias for box in self.boxes], np.float32)
         self.shadow_biases = lookup(jit.Float, shadow_biases) if shadow_biases.any() else None
+        self.rough = self._is_rough()
         self.tolerance = dr.opaque(jit.Float, tolerance / DEFAULT_TOLERANCE)  # in units of the usual one
         self.negligible = dr.opaque(jit.Float, negligible_depth(self.boxes))
         dr.eval(self.coarse, self.fine)
+
+    def _is_rough(self) -> bool:
+        """Whether matter differs so much from voxel to voxel that a step is shaded at several places: axes do, or
+        elements of several kinds lie side by side.
+
+        Axes of cylinders alone are not counted: their light differs less with the axis, and takes ten nodes a place.
+        """
+        if self.differentiable or self.textures or self.shadow_biases is not None:
+            return False
+        axes = not self.kinds.tangents and max(box.bricks.character[1] for box in self.boxes) > ROUGH
+        return self.kinds.mixed or axes
 
     def cross(
         self,

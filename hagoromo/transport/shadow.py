@@ -17,6 +17,7 @@ from hagoromo.transport.medium import Medium
 from hagoromo.transport.sample import TexelHit
 from hagoromo.transport.shadow_map import ShadowMaps
 from hagoromo.volume.box import VolumeBox
+from hagoromo.volume.voxels import BRICK
 
 TEXELS_PER_VOXEL = 1.8  # texels of a shadow map per smallest voxel, at DEFAULT_TOLERANCE
 COARSEST_TEXEL = 64.0  # [voxel] along a texel of the finest map that is still of use
@@ -25,17 +26,23 @@ MOST_TEXELS = 1024  # along a side of a shadow map: 96 MiB a lamp
 LEAST_DIFFERENCE = 0.12  # of transmittance, at DEFAULT_TOLERANCE
 DIFFERENCE_SHARE = 0.15  # of the transmittance itself, added to LEAST_DIFFERENCE
 DENSE = 0.45  # extinction [1/voxel] beyond which the way is marched near the point, at DEFAULT_TOLERANCE
+QUICK_MAP = 384  # texels a side, at DEFAULT_TOLERANCE, up to which maps are always made: boxes are small
+MAP_RAYS_PER_RAY = 2.5  # rays of a map for each of the camera from which maps take longer than marches
+DEEP_BRICK = 0.5  # optical depth of a mean stored brick from which shadow rays are short
 LARGEST_SECANT = 4.0  # 1 / cosθ_i up to which the look-up in a map clears the surface's own shadow
+HIDDEN_TRANSMITTANCE = 4e-3  # a marched shadow ray ends below this transmittance, at DEFAULT_TOLERANCE
+ROUGH_FIGURES = 0.5, 3.0  # in rough matter: times TEXELS_PER_VOXEL; times DENSE, LEAST_DIFFERENCE, DIFFERENCE_SHARE
 MARCHED_VOXELS = 3.0  # length of that march [voxel], at DEFAULT_TOLERANCE
 
 
 def brute_attenuation(medium: Medium) -> Attenuation:
     """`Attenuation` by marching from every point to the lamp: slow, but the oracle of the maps."""
+    deepest = hidden_depth(medium)
 
     def transmittance(
         lamp: int, point: Array3f, to_lamp: Array3f, distance: Float, extinction: Float, texel_hit: TexelHit | None
     ) -> Float:
-        return dr.exp(-optical_depth(medium, point, to_lamp, arrays().Float(0), arrays().Float(distance)))
+        return dr.exp(-optical_depth(medium, point, to_lamp, arrays().Float(0), arrays().Float(distance), deepest))
 
     return transmittance
 
@@ -49,12 +56,13 @@ def mapped_attenuation(
     rays of the map around that place differ, at edges of shadows and under light that grazes, all of the way is
     marched. `tolerance` (see `Settings`) says where.
     """
-    jit, finer = arrays(), math.sqrt(tolerance / DEFAULT_TOLERANCE)
-    maps = ShadowMaps(medium, lamps, resolution or fitting_resolution(medium.boxes, tolerance))
-    least, share = (dr.opaque(jit.Float, figure * finer**2) for figure in (LEAST_DIFFERENCE, DIFFERENCE_SHARE))
+    jit, finer, deepest = arrays(), math.sqrt(tolerance / DEFAULT_TOLERANCE), hidden_depth(medium)
+    maps = ShadowMaps(medium, lamps, resolution or map_resolution(medium, tolerance))
+    looser = finer**2 * (ROUGH_FIGURES[1] if medium.rough else 1.0)
+    least, share = (dr.opaque(jit.Float, figure * looser) for figure in (LEAST_DIFFERENCE, DIFFERENCE_SHARE))
     voxel = min(box.voxel_size for box in medium.boxes)
     near = dr.opaque(jit.Float, MARCHED_VOXELS / math.sqrt(finer) * voxel)
-    dense = dr.opaque(jit.Float, DENSE * finer**2 / voxel)
+    dense = dr.opaque(jit.Float, DENSE * looser / voxel)
 
     def transmittance(
         lamp: int, point: Array3f, to_lamp: Array3f, distance: Float, extinction: Float, texel_hit: TexelHit | None
@@ -79,9 +87,16 @@ def mapped_attenuation(
         behind, difference = maps.transmittance(lamp, dr.fma(to_lamp, reach, point))
         uneven = difference > dr.fma(share, behind, least)
         reach = dr.select(uneven, distance, reach)
-        return dr.select(uneven, 1.0, behind) * dr.exp(-optical_depth(medium, point, to_lamp, jit.Float(0), reach))
+        return dr.select(uneven, 1.0, behind) * dr.exp(
+            -optical_depth(medium, point, to_lamp, jit.Float(0), reach, deepest)
+        )
 
     return transmittance
+
+
+def hidden_depth(medium: Medium) -> Float:
+    """Optical depth at which the march of a shadow ray ends: a lamp behind it is hidden."""
+    return -dr.log(HIDDEN_TRANSMITTANCE * medium.tolerance)
 
 
 def fitting_resolution(boxes: Sequence[VolumeBox], tolerance: float = DEFAULT_TOLERANCE) -> int:
@@ -91,6 +106,26 @@ def fitting_resolution(boxes: Sequence[VolumeBox], tolerance: float = DEFAULT_TO
     """
     finer = (DEFAULT_TOLERANCE / tolerance) ** 0.25
     return int(np.clip(64 * round(TEXELS_PER_VOXEL * finer * voxels_across(boxes) / 64), 128, MOST_TEXELS))
+
+
+def map_resolution(medium: Medium, tolerance: float = DEFAULT_TOLERANCE) -> int:
+    """Texels a side of the maps of a medium: `fitting_resolution`, and fewer in rough matter, where the light of one
+    place differs from that of its neighbours more than shadows do.
+    """
+    fitting = fitting_resolution(medium.boxes, tolerance)
+    return max(64 * round(ROUGH_FIGURES[0] * fitting / 64), 128) if medium.rough else fitting
+
+
+def marching_is_quicker(medium: Medium, resolution: int, rays: float) -> bool:
+    """Whether so few camera `rays` look up shadows that marching their shadow rays takes less time than maps would.
+
+    Of dense matter alone, where shadow rays are short, and of isotropic extinction, whose steps read no axes.
+    """
+    small = fitting_resolution(medium.boxes) <= QUICK_MAP
+    if small or resolution**2 < MAP_RAYS_PER_RAY * rays or medium.textures or medium.flakes:
+        return False
+    deep = [BRICK * box.tau * box.voxel_size * box.bricks.character[0] for box in medium.boxes]
+    return min(deep) > DEEP_BRICK
 
 
 def too_wide_for_maps(medium: Medium) -> bool:

@@ -16,6 +16,7 @@ from hagoromo.volume.table import BrickTable, table_of
 from hagoromo.volume.voxels import BRICK, PAIRS, STORED, VOXELS, unpacked_axis, unpacked_density
 
 BRICKS_AT_ONCE = 1 << 14  # of which the largest density is read together: 42 MB
+CHARACTER_BRICKS = 256  # that stand for all of them
 MATERIALS = 256  # numbers of materials that fit a voxel
 Shape = tuple[int, int, int]
 
@@ -114,6 +115,22 @@ class Bricks:
             pairs = self.density.read(begin, min(begin + BRICKS_AT_ONCE, self.kept))
             largest = max(largest, int(dr.max(dr.maximum(pairs & 0xFFFF, pairs >> 16))[0]))  # halves ≥ 0 order as bits
         return float(np.uint16(largest).view(np.float16))
+
+    @cached_property
+    def character(self) -> tuple[float, float]:
+        """Of CHARACTER_BRICKS bricks, evenly among the stored ones: the mean density, and the roughness of their axes.
+
+        Roughness is the mean square of half the difference between the axes of voxels that are neighbours along x and
+        both hold matter, 0…1 (the sign of an axis counts): about 0 in smooth matter, ½ where axes are random.
+        """
+        if not self.kept:
+            return 0.0, 0.0
+        some = np.unique(np.linspace(0, self.kept - 1, min(self.kept, CHARACTER_BRICKS)).astype(np.uint32))
+        density = unpacked_density(np.array(self.density.of(some))).astype(np.float32)
+        axis = unpacked_axis(np.array(self.axis.of(some))).astype(np.float32)
+        both = (density[..., 1:] > 0.0) & (density[..., :-1] > 0.0)
+        apart = np.sum((axis[..., 1:, :] - axis[..., :-1, :]) ** 2, axis=-1)[both]
+        return float(density.mean()), float(0.25 * apart.mean()) if apart.size else 0.0
 
     def corners(self) -> np.ndarray:
         """First voxel (z, y, x) of every stored brick, in order: (bricks, 3)."""
