@@ -2,10 +2,10 @@
 
     python -m studies.errors_of_normals --out out/errors_of_normals --real ../shared/data/uw_psm
 
-The balls of `faulty_balls` have lamps, a reflectance and pixels that are not quite as stated. The real one is the grey
-ball of uw_psm, whose normals follow from the circle of its mask, under the lamps of the chrome ball; the method was
-chosen by simulations with it beside them. Each set counts how often 95 % regions hold the true normal (the angle, and its two components), depth and body
-colour, and how large errors are beside the stated ones.
+The balls of `faulty_balls` have lamps, a reflectance and pixels that are not quite as stated. The real one is the
+grey ball of uw_psm, whose normals follow from the circle of its mask, under the lamps of the chrome ball; the method
+was chosen by simulations with it beside them. Each set counts how often 95 % regions hold the true normal (the angle,
+and its two components), depth and body colour, and how large errors are beside the stated ones.
 """
 
 from __future__ import annotations

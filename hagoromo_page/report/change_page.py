@@ -1,4 +1,4 @@
-"""The page of a change: both dates side by side, maps of what changed with the rest in grey, their errors, and tables."""
+"""The page of a change: both dates side by side, maps of what changed, the rest in grey, with errors, and tables."""
 
 from __future__ import annotations
 
