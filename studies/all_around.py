@@ -27,10 +27,10 @@ from studies.recover_scenes import DISTANCE, Shots, Truth, simulated
 Array = NDArray[np.float64]
 TABLE, EDGE = -0.0375, 0.16  # [m] height of its top, half its edge
 COLUMNS, ROWS, SQUARE = 7, 5, 0.009  # inner corners of the board, and the side of its squares [m]
-CORNER = (-0.034, -0.097)  # [m] of the board's first square
+CORNER = (-0.034, -0.105)  # [m] of the board's first square
 FLASH = 0.05  # [m] to the right of the lens
-FOCAL = 3.2  # in widths of a photograph
-RINGS = ((0.62, 0.35), (0.38, 0.85))  # share of the views, and height of their ring [rad]
+FOCAL = 2.6  # in widths of a photograph
+RINGS = ((0.62, 0.42), (0.38, 0.85))  # share of the views, and height of their ring [rad]
 CELLS, GRID = (0.0035, 0.009), 48  # [m] of the pattern, and entries along an edge of its table
 WHITE, QUALITY = 0.9, 95  # where the brightest light is in a file; of JPEG
 
@@ -41,7 +41,7 @@ class OnTable(Truth):
     def __init__(self) -> None:
         super().__init__()
         random = np.random.default_rng(11)
-        self.pattern = lookup(arrays().Float, random.uniform(0.45, 1.0, GRID**3).astype(np.float32))
+        self.pattern = lookup(arrays().Float, random.uniform(0.2, 1.0, GRID**3).astype(np.float32))
 
     def distance(self, p: Any) -> Any:
         """Signed distance [m]."""
@@ -62,7 +62,7 @@ class OnTable(Truth):
         return [dr.select(rim, board, dr.select(table, 0.7 * noise, c)) for c in own]
 
     def _noise(self, p: Any, cell: float) -> Any:
-        """Smooth noise between 0.45 and 1."""
+        """Smooth noise between 0.2 and 1."""
         jit, total = arrays(), arrays().Float(0)
         base = dr.floor(p / cell)
         part = p / cell - base

@@ -72,7 +72,8 @@ def _found(recovered: Recovered, record: dict[str, Any]) -> list[str]:
 
 
 def _both(values: list[float], scale: float) -> str:
-    return " and ".join(f"{scale * value:.2g}" for value in values)
+    """Values to two digits, such as 240 and 5.1."""
+    return " and ".join(f"{float(f'{scale * value:.2g}'):g}" for value in values)
 
 
 def _gloss(material: dict[str, Any]) -> list[list[str]]:
