@@ -91,9 +91,10 @@ def all_around(out: str | Path, views: int = 30, width: int = 480, seed: int = 0
             Image.fromarray(np.rint(255.0 * coded).astype(np.uint8)).save(
                 home / "photographs" / f"{name}.jpg", quality=QUALITY, subsampling=0
             )
+            on_object = np.asarray(ndimage.binary_fill_holes(points[..., 2] > TABLE + 2e-4), np.bool_)
             hg.write_png(
                 home / "masks" / f"{name}.png",
-                np.where(ndimage.binary_fill_holes(points[..., 2] > TABLE + 2e-4), 255, 0).astype(np.uint8),
+                np.where(on_object, 255, 0).astype(np.uint8),
             )
         places = [p.camera.position.tolist() for p in taken.capture.photographs]
         known = {"beta": truth.beta, "gamma": truth.gamma, "n": truth.n, "places": places, "seed": seed}
