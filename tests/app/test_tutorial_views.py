@@ -25,7 +25,7 @@ def commands() -> list[str]:
     page = re.sub(r"^> ?", "", PAGE.read_text(encoding="utf-8"), flags=re.MULTILINE)
     blocks = re.findall(r"^```sh\n(.*?)^```", page, re.DOTALL | re.MULTILINE)
     joined = "".join(blocks).replace("\\\n", " ")
-    return re.findall(r"^cat .*?^END$|^.+$", joined, re.DOTALL | re.MULTILINE)
+    return re.findall(r"^cat .*?^END$|^[^\n]+$", joined, re.DOTALL | re.MULTILINE)
 
 
 @pytest.fixture(scope="module")
