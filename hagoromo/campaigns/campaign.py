@@ -2,10 +2,10 @@
 
 Enters: a Measurement that states its errors. Leaves: maps of h × w pixels, NaN where the quantity is unknown.
 
-Where the shape was solved, files state the variance of the normals. Normal n and body colour a are then solved
-together from g = a n, and lamps l_k that light a pixel give g the covariance G⁻¹, G = Σ_k l_k l_kᵀ. The relative
-variance of a is so the variance of the direction times nᵀG⁻¹n / tr(P G⁻¹ P), P across n. A channel holds its share of
-that.
+Where body.exr states no errors (of tiles, and of older versions), they follow from those of the normals: normal n and
+body colour a are solved together from g = a n, and lamps l_k that light a pixel give g the covariance G⁻¹,
+G = Σ_k l_k l_kᵀ. The relative variance of a is so the variance of the direction times nᵀG⁻¹n / tr(P G⁻¹ P), P across n.
+A channel holds its share of that.
 """
 
 from __future__ import annotations

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from hagoromo.campaigns.campaign import GLOSS
 from hagoromo.campaigns.overlap import Overlap
 from hagoromo.campaigns.paint import Paint
-from hagoromo.campaigns.registration import across_normals
 from hagoromo.campaigns.significance import Significance, significant
 from hagoromo.campaigns.trend import trend
+from hagoromo.measurement.normals.shading import tangents
 
 Array = NDArray[np.float64]
 DEGREES = {"colour": 1, "gloss": 0, "width": 0, "shape": 2, "normals": 1}  # of the trend that is taken out
@@ -165,7 +165,7 @@ def _normals(both: Overlap) -> list[_Raw]:
     before, after, to_after = both.before, both.after, both.registration.to_after
     if before.normal_variance is None or after.normal_variance is None:
         return []
-    across = across_normals(before.normals)
+    across = np.stack(tangents(before.normals), axis=-2)
     value, added = both.after_map(after.normals, to_after.directions(across))
     turned = to_after.inverse.directions(value) - before.normals
     difference = np.einsum("hwki,hwi->hwk", across, turned)

@@ -22,6 +22,7 @@ from hagoromo.least_squares.fit_status import FitStatus
 from hagoromo.least_squares.levenberg_marquardt import Damping, Tolerance, levenberg_marquardt
 from hagoromo.least_squares.loss import ROBUST_SCALE, TUKEY
 from hagoromo.least_squares.rows import RowsProblem
+from hagoromo.measurement.normals.shading import tangents
 
 Array = NDArray[np.float64]
 PARAMETERS = 8  # turn (3) [rad], shift (3) [pitch], ln scale, ln brightness
@@ -116,7 +117,7 @@ class _Detail:
         own = own[rows, columns]
         self.paint, self.normals, self.points = own[:, 0], before.normals[rows, columns], before.points[rows, columns]
         self.smooth_normals = own[:, 1:4]
-        self.across = across_normals(self.normals)
+        self.across = np.stack(tangents(self.normals), axis=-2)
         self.centre, self.axes = self.points.mean(axis=0), before.camera.world_to_camera[:2, :3]
 
     def residuals(self, at: Similarity, brightness: float) -> Array:
@@ -139,15 +140,6 @@ def _layers(one: Campaign) -> Array:
     """(h, w, 7): ln of the mean body colour, normal, place."""
     with np.errstate(invalid="ignore"):
         return np.concatenate([np.log(one.body.mean(axis=2))[..., None], one.normals, one.points], axis=2)
-
-
-def across_normals(normals: Array) -> Array:
-    """(…, 2, 3) two unit vectors across each of `normals` (…, 3)."""
-    aside = np.where(np.abs(normals[..., :1]) < 0.6, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
-    first: Array = np.cross(aside, normals)
-    first = first / np.maximum(np.linalg.norm(first, axis=-1, keepdims=True), 1e-30)
-    second: Array = np.cross(normals, first)
-    return np.stack([first, second], axis=-2)
 
 
 def _moved(start: Similarity, theta: Array, centre: Array, pitch: float) -> Similarity:

@@ -19,7 +19,7 @@ from hagoromo.transport.crossing import Cone, Crossing, MarchInterval, selected
 from hagoromo.transport.intervals import boxes_at, depth_at, in_slot, nothing_open, opened, put
 from hagoromo.transport.lighting import Lighting
 from hagoromo.transport.medium import Limit, Medium, share_at_depth
-from hagoromo.transport.sample import Element, TexelHit
+from hagoromo.transport.sample import Element
 
 END_TRANSMITTANCE = 1e-2  # a ray ends below this transmittance, at DEFAULT_TOLERANCE
 OPAQUE_OPTICAL_DEPTH = 16.0  # a shadow ray ends beyond this optical depth: exp(−16) = 1e-7
@@ -271,7 +271,9 @@ def radiance_from_sample(
     coloured: the step at the place of its colour. Density times colour is interpolated, so that the middle of the step,
     without regard to where more of the matter is, stands for both together.
     """
-    elements, texel_hit = _elements_along(medium, step, direction) if medium.rough else medium.elements(step, direction)
+    elements, texel_hit = (
+        (_elements_along(medium, step, direction), None) if medium.rough else medium.elements(step, direction)
+    )
     coefficients = [lighting.materials.coefficients(element.material) for element in elements]
     if lighting.voxel_bases:
         colour, first = medium.colour(coloured), len(coefficients) // (len(PLACES) if medium.rough else 1)
@@ -282,20 +284,19 @@ def radiance_from_sample(
     return light, lamps, smooth
 
 
-def _elements_along(medium: Medium, step: MarchInterval, direction: Array3f) -> tuple[list[Element], TexelHit | None]:
+def _elements_along(medium: Medium, step: MarchInterval, direction: Array3f) -> list[Element]:
     """Elements at several places of a step, each with its share: in rough matter those of one place are no mean.
 
-    Light that arrives changes less: that of one place stands for all.
+    Light that arrives changes less: that of one place stands for all. Rough matter has no texels.
     """
     middle, spread = centroid(step.depth), dr.rsqrt(12.0 + step.depth * step.depth)  # and deviation of exp(−D)
     elements: list[Element] = []
-    texel_hit: TexelHit | None = None
     for place in PLACES:
         share = share_at_depth(clip(dr.fma(place, spread, middle), 0.0, 1.0), step.growth)
         here = medium.sample(step, dr.fma(share, step.end - step.begin, step.begin))
-        each, texel_hit = medium.elements(here, direction)
+        each, _ = medium.elements(here, direction)
         elements += [replace(element, share=element.share * (1.0 / len(PLACES))) for element in each]
-    return elements, texel_hit
+    return elements
 
 
 @dr.syntax

@@ -135,10 +135,10 @@ def interface_by_tail(interface: Array, normals: Array, to_lamp: Array, to_eye: 
 
 
 def tangents(normals: Array) -> tuple[Array, Array]:
-    """Two unit vectors (P, 3) each that make a right-handed frame with `normals` (P, 3)."""
-    aside = np.where(np.abs(normals[:, :1]) < 0.6, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
+    """Two unit vectors (…, 3) each that make a right-handed frame with `normals` (…, 3)."""
+    aside = np.where(np.abs(normals[..., :1]) < 0.6, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
     first = np.cross(aside, normals)
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    first /= np.linalg.norm(first, axis=-1, keepdims=True)
     return first, np.cross(normals, first).astype(np.float64)
 
 
