@@ -19,11 +19,16 @@ EDGE = 320  # px of each picture of the row
 PHOTOGRAPHS, FRAMES = ("view05", "view22"), (6, 12)  # of the row
 
 
+def shell_blocks(page: Path) -> list[str]:
+    """The blocks of a page that are for a shell, those of its notes among them."""
+    text = re.sub(r"^> ?", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE)
+    return re.findall(r"^```sh\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
+
+
 def tutorial_views(out: Path) -> None:
     """Run every command of the page in the folder `out`, and put pictures of the way in a row."""
     out.mkdir(parents=True, exist_ok=True)
-    page = re.sub(r"^> ?", "", PAGE.read_text(encoding="utf-8"), flags=re.MULTILINE)
-    for block in re.findall(r"^```sh\n(.*?)^```", page, re.DOTALL | re.MULTILINE):
+    for block in shell_blocks(PAGE):
         subprocess.run(["bash", "-euo", "pipefail", "-c", block], cwd=out, check=True)
     row = [out / "around" / "photographs" / f"{name}.jpg" for name in PHOTOGRAPHS]
     row += [out / "around" / "masks" / f"{PHOTOGRAPHS[0]}.png", out / "evening.png"]

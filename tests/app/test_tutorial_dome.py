@@ -1,46 +1,26 @@
 """The tutorial of the dome is run as it stands on its page, with fewer lamps and pixels."""
 
-import os
 import re
-import shlex
-from glob import glob
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from hagoromo.app.cli import main
 from hagoromo.files.exr import read_exr
 from hagoromo.files.record import read_json
 from studies.dome import dome, dome_lamps
+from tests.app.page_commands import run_page
 
 PAGE = Path(__file__).parents[2] / "docs" / "tutorial_dome.md"
 LAMPS, WIDTH = 10, 120
 
 
-def commands() -> list[list[str]]:
-    page = re.sub(r"^> ?", "", PAGE.read_text(encoding="utf-8"), flags=re.MULTILINE)
-    blocks = re.findall(r"^```sh\n(.*?)^```", page, re.DOTALL | re.MULTILINE)
-    return [shlex.split(line) for block in blocks for line in block.replace("\\\n", " ").splitlines()]
-
-
 @pytest.fixture(scope="module")
 def home(tmp_path_factory):
     """The folder in which the page was run."""
-    folder, before = tmp_path_factory.mktemp("dome"), Path.cwd()
-    os.chdir(folder)
-    try:
-        for name, *arguments in commands():
-            if name == "python":
-                assert arguments == ["-m", "studies.dome", "--out", "dome", "--lamps", "48", "--width", "240"]
-                dome("dome", LAMPS, WIDTH)
-                continue
-            given = [
-                one for argument in arguments for one in (sorted(glob(argument)) if "*" in argument else [argument])
-            ]
-            assert name == "hagoromo" and main(given) == 0, arguments
-    finally:
-        os.chdir(before)
+    folder = tmp_path_factory.mktemp("dome")
+    simulated = "python -m studies.dome --out dome --lamps 48 --width 240"
+    run_page(PAGE, folder, {simulated: lambda: dome("dome", LAMPS, WIDTH)})
     return folder
 
 

@@ -1,55 +1,27 @@
 """The tutorial of many views is run as it stands on its page, with fewer pixels."""
 
-import os
-import re
-import shlex
-import subprocess
-from glob import glob
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import hagoromo as hg
-from hagoromo.app.cli import main
 from hagoromo.files.record import read_json
 from studies.all_around import all_around
+from tests.app.page_commands import run_page
 
 PAGE = Path(__file__).parents[2] / "docs" / "tutorial_views.md"
 VIEWS, WIDTH = 30, 400
 pytestmark = pytest.mark.nightly
 
 
-def commands() -> list[str]:
-    """Whole commands, a here-document with the one that takes it."""
-    page = re.sub(r"^> ?", "", PAGE.read_text(encoding="utf-8"), flags=re.MULTILINE)
-    blocks = re.findall(r"^```sh\n(.*?)^```", page, re.DOTALL | re.MULTILINE)
-    joined = "".join(blocks).replace("\\\n", " ")
-    return re.findall(r"^cat .*?^END$|^[^\n]+$", joined, re.DOTALL | re.MULTILINE)
-
-
 @pytest.fixture(scope="module")
 def home(tmp_path_factory):
     """The folder in which the page was run."""
     pytest.importorskip("pycolmap", reason="poses from photographs need pycolmap: pip install 'hagoromo[views]'")
-    folder, before = tmp_path_factory.mktemp("views"), Path.cwd()
-    os.chdir(folder)
-    try:
-        for command in commands():
-            if command.startswith("cat "):
-                subprocess.run(["bash", "-c", command], check=True)
-                continue
-            name, *arguments = shlex.split(command)
-            if name == "python":
-                assert arguments == ["-m", "studies.all_around", "--out", "around", "--views", "30", "--width", "480"]
-                all_around("around", VIEWS, WIDTH)
-                continue
-            given = [
-                one for argument in arguments for one in (sorted(glob(argument)) if "*" in argument else [argument])
-            ]
-            assert name == "hagoromo" and main(given) == 0, command
-    finally:
-        os.chdir(before)
+    folder = tmp_path_factory.mktemp("views")
+    simulated = "python -m studies.all_around --out around --views 30 --width 480"
+    run_page(PAGE, folder, {simulated: lambda: all_around("around", VIEWS, WIDTH)})
     return folder
 
 
