@@ -20,8 +20,10 @@ from PIL import Image
 from scipy import ndimage
 
 import hagoromo as hg
-from hagoromo.backend import arrays, lookup
+from hagoromo.backend import arrays
+from hagoromo.light.colour import srgb_encode
 from hagoromo.matter import shape as sd
+from hagoromo_matter.noise import value_noise
 from studies.recover_scenes import DISTANCE, Shots, Truth, simulated
 
 Array = NDArray[np.float64]
@@ -31,17 +33,12 @@ CORNER = (-0.034, -0.105)  # [m] of the board's first square
 FLASH = 0.05  # [m] to the right of the lens
 FOCAL = 2.6  # in widths of a photograph
 RINGS = ((0.62, 0.42), (0.38, 0.85))  # share of the views, and height of their ring [rad]
-CELLS, GRID = (0.0035, 0.009), 48  # [m] of the pattern, and entries along an edge of its table
+CELLS = (0.0035, 0.009)  # [m] of the pattern
 WHITE, QUALITY = 0.9, 95  # where the brightest light is in a file; of JPEG
 
 
 class OnTable(Truth):
     """The object of the study of recovery, with a fine pattern, on a table."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        random = np.random.default_rng(11)
-        self.pattern = lookup(arrays().Float, random.uniform(0.2, 1.0, GRID**3).astype(np.float32))
 
     def distance(self, p: Any) -> Any:
         """Signed distance [m]."""
@@ -50,7 +47,7 @@ class OnTable(Truth):
 
     def colours(self, p: Any) -> list[Any]:
         """Body colour at points."""
-        noise = 0.5 * (self._noise(p, CELLS[0]) + self._noise(p, CELLS[1]))
+        noise = 0.2 + 0.4 * sum(value_noise(p / cell, number) for number, cell in enumerate(CELLS))
         table = p.z < TABLE + 1e-4
         column, row = (p.x - CORNER[0]) / SQUARE, (p.y - CORNER[1]) / SQUARE
         rim = table & (column > -1.0) & (row > -1.0) & (column < COLUMNS + 2.0) & (row < ROWS + 2.0)
@@ -60,20 +57,6 @@ class OnTable(Truth):
         board = dr.select(dark, 0.04, jit.Float(0.85))
         own = [1.25 * noise * c for c in super().colours(p)]
         return [dr.select(rim, board, dr.select(table, 0.7 * noise, c)) for c in own]
-
-    def _noise(self, p: Any, cell: float) -> Any:
-        """Smooth noise between 0.2 and 1."""
-        jit, total = arrays(), arrays().Float(0)
-        base = dr.floor(p / cell)
-        part = p / cell - base
-        part = part * part * (3.0 - 2.0 * part)
-        for corner in np.ndindex(2, 2, 2):
-            index, weight = jit.UInt(0), jit.Float(1)
-            for k in range(3):
-                index = index * GRID + jit.UInt(jit.Int(base[k]) + corner[k] + 100 * GRID) % GRID
-                weight *= part[k] if corner[k] else 1.0 - part[k]
-            total += weight * dr.gather(jit.Float, self.pattern, index)
-        return total
 
 
 def all_around(out: str | Path, views: int = 30, width: int = 480, seed: int = 0, force: bool = False) -> Path:
@@ -85,17 +68,12 @@ def all_around(out: str | Path, views: int = 30, width: int = 480, seed: int = 0
         for folder in ("photographs", "masks"):
             (home / folder).mkdir()
         for number, (photograph, points) in enumerate(zip(taken.capture.photographs, taken.points, strict=True)):
-            linear = np.clip(WHITE * photograph.values / brightest, 0.0, 1.0)
-            coded = np.where(linear > 0.0031308, 1.055 * linear ** (1.0 / 2.4) - 0.055, 12.92 * linear)
             name = f"view{number:02d}"
-            Image.fromarray(np.rint(255.0 * coded).astype(np.uint8)).save(
+            Image.fromarray(srgb_encode(WHITE * photograph.values / brightest)).save(
                 home / "photographs" / f"{name}.jpg", quality=QUALITY, subsampling=0
             )
             on_object = np.asarray(ndimage.binary_fill_holes(points[..., 2] > TABLE + 2e-4), np.bool_)
-            hg.write_png(
-                home / "masks" / f"{name}.png",
-                np.where(on_object, 255, 0).astype(np.uint8),
-            )
+            hg.write_png(home / "masks" / f"{name}.png", np.where(on_object, 255, 0).astype(np.uint8))
         places = [p.camera.position.tolist() for p in taken.capture.photographs]
         known = {"beta": truth.beta, "gamma": truth.gamma, "n": truth.n, "places": places, "seed": seed}
         hg.write_json(home / "truth.json", {**known, "version": hg.__version__})

@@ -31,8 +31,8 @@ INSIDE = {  # modules of the package that a study takes apart, and why no public
     # exact shapes by signed distances, and light by the law itself, sphere-traced on the device
     "recover_scenes.py": {"backend", "matter", "reflectance.torrance_sparrow"},
     "recovery.py": {"backend"},
-    # a pattern on a table, at any point in space
-    "all_around.py": {"backend", "matter"},
+    # a pattern on a table, at any point in space, and JPEG files as cameras write them
+    "all_around.py": {"backend", "light.colour", "matter"},
     # photographs beside cameras of another program, read as sRGB, and their masks
     "real_captures.py": {"files.png", "photograph.gather"},
     # the materials of normals that were solved before, many times over
