@@ -87,6 +87,14 @@ class Response:
             self.wavelengths, dict(zip(self.channels, self.values.T, strict=True)), "relative sensitivity"
         )
 
+    def equals(self, other: Response | None) -> bool:
+        """Whether both give the same readings of every light, channel by channel; names do not count."""
+        if other is None:
+            return False
+        same = self.limits == other.limits and self.channels == other.channels
+        same = same and np.array_equal(self.wavelengths, other.wavelengths)
+        return same and np.array_equal(self.values, other.values)
+
     @staticmethod
     def load(source: str | Path, folder: str | Path | None = None) -> Response:
         """Response by name or from a CSV file (wavelength column first, then one column per channel).

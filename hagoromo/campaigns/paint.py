@@ -83,7 +83,7 @@ def paint(before: Campaign, after: Campaign, lamps: Sequence[str]) -> Paint:
     displays = _displays(responses[0], before.lamp, spectra)
     white, said = _white(before, next(iter(displays.values())))
     value, variance = after.body, after.body_variance
-    if not (_alike(*responses) and _same_spectrum(before.lamp, after.lamp)):
+    if not (responses[0].equals(responses[1]) and before.lamp.equals(after.lamp)):
         basis = body_basis(responses[1], after.lamp)
         readings = response_matrix(basis, before.lamp, responses[0])
         readings = readings / camera_white(before.lamp, responses[0])[:, None]  # body colours are relative to white
@@ -135,13 +135,3 @@ def _white(before: Campaign, to_display: Array) -> tuple[float, str]:
         return math.pi, "lamps are as strong as stated: colours are those of reflectances"
     said = f"the strength of the lamps is not known: the brightest places are taken for reflectances of {SHOWN_WHITE:g}"
     return math.pi * SHOWN_WHITE / max(bright, 1e-30), said
-
-
-def _alike(a: Response | None, b: Response | None) -> bool:
-    if a is None or b is None or a.channels != b.channels:
-        return False
-    return np.array_equal(a.wavelengths, b.wavelengths) and np.array_equal(a.values, b.values)
-
-
-def _same_spectrum(a: Spectrum, b: Spectrum) -> bool:
-    return np.array_equal(a.wavelengths, b.wavelengths) and np.array_equal(a.values, b.values)

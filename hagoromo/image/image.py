@@ -27,7 +27,7 @@ from hagoromo.image.shown import DisplayTransform
 from hagoromo.image.sums_channels import channels_of_sums, sums_of_channels
 from hagoromo.light.colour import srgb_encode, srgb_from_xyz
 from hagoromo.light.spectrum import Spectrum
-from hagoromo.transport.palette import Palette, distinct
+from hagoromo.transport.palette import Palette
 
 StrengthOfLamp: TypeAlias = Mapping[Any, float]  # by name, or by number from 0
 SpectrumOfLamp: TypeAlias = Mapping[Any, Spectrum]
@@ -292,7 +292,7 @@ def lamp_names_in(palette: str, path: str | Path) -> tuple[str, ...]:
 def _same(one: Any, other: Any) -> bool:
     """Whether two strengths, or two spectra, are alike."""
     if isinstance(one, Spectrum) and isinstance(other, Spectrum):
-        return len(distinct([one, other])) == 1
+        return one.equals(other)
     return one is other or one == other
 
 

@@ -239,6 +239,21 @@ def by_place(lamps: Sequence[Lamp]) -> list[list[int]]:
     return list(places.values())
 
 
+def common_spectrum(lamps: Sequence[Lamp]) -> Spectrum | None:
+    """The one spectrum of all lamps, but for a factor; None where they differ, or one has an intensity by channel."""
+    if not lamps or any(isinstance(lamp.intensity, tuple) for lamp in lamps):
+        return None
+    first = lamps[0].spectrum
+    return first if all(lamp.spectrum.equals(first, up_to_factor=True) for lamp in lamps) else None
+
+
+def stated_spectrum(lamps: Sequence[Lamp]) -> Spectrum | None:
+    """As `common_spectrum`; None also where nobody stated it: a lamp of unknown spectrum is given a constant."""
+    common = common_spectrum(lamps)
+    unstated = common is None or common.equals(Spectrum.constant(1.0), up_to_factor=True)
+    return None if unstated else common
+
+
 def _intensity(value: ArrayLike, name: str) -> float | tuple[float, ...]:
     intensity = np.asarray(value, dtype=np.float64)
     if intensity.ndim > 1 or not np.isfinite(intensity).all() or (intensity < 0).any():

@@ -159,6 +159,14 @@ class Spectrum:
         wide = np.concatenate([[lo] if lo < knots[0] else [], knots, [hi] if hi > knots[-1] else []])
         return Spectrum(wide, np.interp(wide, knots, self.values))
 
+    def equals(self, other: Spectrum, up_to_factor: bool = False) -> bool:
+        """Whether both have the same values at the same wavelengths; up_to_factor: or values in proportion, to 1e-5."""
+        if not np.array_equal(self.wavelengths, other.wavelengths):
+            return False
+        if up_to_factor:
+            return np.allclose(other.values * self.values.sum(), self.values * other.values.sum())
+        return np.array_equal(self.values, other.values)
+
     def scaled(self, factor: float) -> Spectrum:
         """This spectrum times a number."""
         return Spectrum(self.wavelengths, self.values * float(factor))

@@ -84,6 +84,13 @@ class Capture:
         """The name that it states; "" where that is only its folder's, which says where the files are."""
         return "" if self.folder is not None and self.name == self.folder.resolve().name else self.name
 
+    @property
+    def one_response(self) -> bool:
+        """Whether all photographs have equal camera responses, or none has one."""
+        first = self.photographs[0].camera.response
+        others = [photograph.camera.response for photograph in self.photographs[1:]]
+        return all(other is None if first is None else first.equals(other) for other in others)
+
     def __post_init__(self) -> None:
         """Check that the parts match."""
         object.__setattr__(self, "photographs", tuple(self.photographs))
@@ -179,7 +186,7 @@ def save_capture(capture: Capture, folder: str | Path, force: bool = False) -> P
     `InputError` if the folder exists without `force`, or the photographs have different responses.
     """
     response = capture.photographs[0].camera.response
-    if not all(_same(photograph.camera.response, response) for photograph in capture.photographs):
+    if not capture.one_response:
         raise InputError(f"capture {capture.name!r} has several camera responses: save one capture for each")
     lamps: dict[str, int] = {}
     with whole_folder(folder, force) as home:
@@ -293,13 +300,6 @@ def _write_frame(photograph: Photograph, index: int, home: Path, lamps: dict[str
         frame["mask_path"] = f"masks/{index:04d}.png"
         write_png(home / frame["mask_path"], mask.astype(np.uint8) * 255)
     return frame
-
-
-def _same(one: Response | None, other: Response | None) -> bool:
-    if one is None or other is None or one is other:
-        return one is other
-    knots = np.array_equal(one.wavelengths, other.wavelengths) and one.limits == other.limits
-    return knots and one.channels == other.channels and np.array_equal(one.values, other.values)
 
 
 def _read_normals(path: Path) -> NDArray[np.float32]:

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from hagoromo.camera.response import camera_white
 from hagoromo.errors import InputError
 from hagoromo.files.finite import finite_json
-from hagoromo.light.lamp import Lamp
-from hagoromo.light.spectrum import Spectrum
+from hagoromo.light.lamp import stated_spectrum
 from hagoromo.measurement.photographed import Photographed
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
@@ -125,7 +124,7 @@ def _data(
 ) -> tuple[dict[str, Any], dict[str, str]]:
     """What the script reads, and photographs as JPEG by identifier. pixel: photograph px per px of the picture."""
     taken = source.taken
-    lamp = common_spectrum(taken.lamps)
+    lamp = stated_spectrum(taken.lamps)
     colours = page_colours(maps.materials, taken.camera.response, lamp)
     channels = maps.body.shape[2]
     lamps = [page_lamp(one, maps, channels, colours.exact) for one in taken.lamps]
@@ -187,21 +186,6 @@ def _own_assumptions(maps: SurfaceMaps, colours: PageColours) -> list[str]:
 def has_measured_gloss(material: MaterialEstimate) -> bool:
     """Whether the photographs determine a highlight of the material."""
     return material.beta > 0.0 and material.identifiable.get("gamma", True)
-
-
-def common_spectrum(lamps: Sequence[Lamp]) -> Spectrum | None:
-    """The one spectrum of all lamps; None where they differ, or it was not stated."""
-    if not lamps or any(isinstance(one.intensity, tuple) for one in lamps):
-        return None
-    first, unstated = lamps[0].spectrum, Spectrum.constant(1.0)
-    if np.array_equal(first.wavelengths, unstated.wavelengths) and np.ptp(first.values) == 0.0:
-        return None
-    alike = all(
-        np.array_equal(one.spectrum.wavelengths, first.wavelengths)
-        and np.allclose(one.spectrum.values * first.values.sum(), first.values * one.spectrum.values.sum())
-        for one in lamps
-    )
-    return first if alike else None
 
 
 def _rays(maps: SurfaceMaps) -> dict[str, Any]:

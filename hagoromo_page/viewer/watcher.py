@@ -263,12 +263,8 @@ class Watcher:
             for k, (old, new) in pairs
             if isinstance(new.intensity, float) and isinstance(old.intensity, float) and new.intensity != old.intensity
         }
-        spectra = {k: new.spectrum for k, (old, new) in pairs if not _alike(new.spectrum, old.spectrum)}
+        spectra = {k: new.spectrum for k, (old, new) in pairs if not new.spectrum.equals(old.spectrum)}
         return image.with_lamps(factors, spectra) if factors or spectra else image
-
-
-def _alike(one: Any, other: Any) -> bool:
-    return np.array_equal(one.wavelengths, other.wavelengths) and np.array_equal(one.values, other.values)
 
 
 def _same_weights(marched: Scene, scene: Scene, settings: Settings) -> bool:
@@ -279,6 +275,6 @@ def _same_weights(marched: Scene, scene: Scene, settings: Settings) -> bool:
     changed = [
         old.intensity
         for old, new in zip(marched.lamps, scene.lamps, strict=True)
-        if old.intensity != new.intensity or not _alike(old.spectrum, new.spectrum)
+        if old.intensity != new.intensity or not old.spectrum.equals(new.spectrum)
     ]
     return not changed or (settings.separate_lamps and all(isinstance(one, float) and one > 0.0 for one in changed))

@@ -15,7 +15,7 @@ from hagoromo.camera.response import Response, camera_white
 from hagoromo.errors import InputError
 from hagoromo.files.toml_text import toml_text
 from hagoromo.files.whole import write_text
-from hagoromo.light.lamp import Lamp
+from hagoromo.light.lamp import Lamp, common_spectrum
 from hagoromo.light.spectrum import Spectrum, smooth_rgb_basis
 from hagoromo.matter.relief.relief import Relief, read_relief, surface_reflectances
 from hagoromo.photograph.capture import Capture
@@ -152,16 +152,8 @@ def basis_camera() -> Response:
 
 def _spectrum(capture: Capture) -> Spectrum | None:
     """The common spectrum of all lamps; None if there is none, or the camera's response is unknown."""
-    lamps = [lamp for photograph in capture.photographs for lamp in photograph.lamps]
-    first = lamps[0].spectrum
-    alike = all(
-        np.array_equal(lamp.spectrum.wavelengths, first.wavelengths)
-        and np.allclose(lamp.spectrum.values * first.values.sum(), first.values * lamp.spectrum.values.sum())
-        for lamp in lamps
-    )
-    scalar = not any(isinstance(lamp.intensity, tuple) for lamp in lamps)
     known = all(photograph.camera.response is not None for photograph in capture.photographs)
-    return first if alike and scalar and known else None
+    return common_spectrum([lamp for p in capture.photographs for lamp in p.lamps]) if known else None
 
 
 def _conserves_energy(materials: Sequence[MaterialEstimate], basis: Sequence[Spectrum], dim: float) -> bool:

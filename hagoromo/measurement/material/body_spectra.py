@@ -11,6 +11,7 @@ import numpy as np
 from hagoromo.camera.response import Response
 from hagoromo.errors import InputError
 from hagoromo.files.record import ForeignRecord, WrittenBy, about, decode, read_json, write_json, written_by
+from hagoromo.light.lamp import stated_spectrum
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.photograph.capture import Capture
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
@@ -77,24 +78,11 @@ def read_body_spectra(path: Path) -> dict[str, SpectrumEstimate]:
 
 def _common_light(capture: Capture) -> tuple[Response, Spectrum] | None:
     """The one camera response and the one lamp spectrum of all photographs; None where there is no such pair."""
-    responses = {id(p.camera.response): p.camera.response for p in capture.photographs}
-    lamps = [lamp.spectrum for photograph in capture.photographs for lamp in photograph.lamps]
-    response = next(iter(responses.values()), None)
-    if response is None or not lamps or not all(_same(response, other) for other in responses.values()):
+    response = capture.photographs[0].camera.response
+    spectrum = stated_spectrum([lamp for p in capture.photographs for lamp in p.lamps])
+    if not capture.one_response or response is None or spectrum is None:
         return None
-    first, unstated = lamps[0], Spectrum.constant(1.0)  # a lamp of unknown spectrum is given this one
-    if np.array_equal(first.wavelengths, unstated.wavelengths) and np.ptp(first.values) == 0.0:
-        return None
-    alike = all(
-        np.array_equal(lamp.wavelengths, first.wavelengths)
-        and np.allclose(lamp.values * first.values.sum(), first.values * lamp.values.sum())
-        for lamp in lamps
-    )
-    return (response, first) if alike else None
-
-
-def _same(a: Response, b: Response | None) -> bool:
-    return b is not None and np.array_equal(a.wavelengths, b.wavelengths) and np.array_equal(a.values, b.values)
+    return response, spectrum
 
 
 def _record(name: str, spectrum: SpectrumEstimate) -> dict[str, object]:
