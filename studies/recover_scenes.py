@@ -7,12 +7,13 @@ shadow rays as well. Photographs are means of 2 × 2 rays a pixel, with shot noi
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import drjit as dr
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 import hagoromo as hg
 from hagoromo.backend import arrays
@@ -72,12 +73,16 @@ class Shots:
 
 @dataclass(frozen=True)
 class Simulated:
-    """A capture, and the exact light of each photograph (h, w, 3), its normals (h, w, 3) and points, NaN beside it."""
+    """A capture, and the exact light of each photograph (h, w, 3), its normals (h, w, 3) and points, NaN beside it.
+
+    cameras: the true ones, where those of the capture are misstated.
+    """
 
     capture: hg.Capture
     exact: list[Array] = field(default_factory=list)
     normals: list[Array] = field(default_factory=list)
     points: list[Array] = field(default_factory=list)
+    cameras: list[hg.Camera] = field(default_factory=list)
 
 
 def around(count: int, seed: int = 0, turn: float = 0.0) -> Array:
@@ -121,6 +126,64 @@ def simulated(truth: Truth, taken: Shots, seed: int = 0, noise: bool = True) -> 
                 held.append(new)
             photographs.append(_photograph(light, share, camera, lamp, random if noise else None, len(photographs)))
     return Simulated(hg.Capture(tuple(photographs), "simulated"), out.exact, out.normals, out.points)
+
+
+def misstated(taken: Simulated, pixels: float, share: float, seed: int = 0) -> Simulated:
+    """The same photographs with wrong statements: poses, each view's alike in all its photographs, turned and shifted
+    by `pixels` (rms of each axis), and lamps too strong or too weak by `share` (rms).
+    """
+    random, poses, photographs = np.random.default_rng(seed), {}, []
+    for photograph in taken.capture.photographs:
+        camera = photograph.camera
+        pose = poses.get(camera.world_to_camera.tobytes())
+        if pose is None:
+            angle = pixels / min(camera.focal)
+            pose = camera.world_to_camera.copy()
+            pose[:3] = Rotation.from_rotvec(random.normal(0.0, angle, 3)).as_matrix() @ pose[:3]
+            pose[:3, 3] += random.normal(0.0, angle * DISTANCE, 3)
+            poses[camera.world_to_camera.tobytes()] = pose
+        wrong = [
+            replace(lamp, intensity=float(np.mean(lamp.intensity)) * np.exp(random.normal(0.0, share)))
+            for lamp in photograph.lamps
+        ]
+        photographs.append(replace(photograph, camera=camera.with_pose(pose), lamps=tuple(wrong)))
+    capture = replace(taken.capture, photographs=tuple(photographs))
+    return replace(taken, capture=capture, cameras=[p.camera for p in taken.capture.photographs])
+
+
+def aligned(seen: Simulated, true: Sequence[hg.Camera], found: Sequence[hg.Camera]) -> Simulated:
+    """The same views, normals, points and lamps in the axes of cameras that were found, where others are true.
+
+    Nothing that photographs show depends on where all cameras together and the object stand in the world. The small
+    rigid motion is the one after which true points lie where they should in the pictures of the cameras found.
+    """
+    points = np.concatenate([p[np.isfinite(p[..., 0])] for p in seen.points])[::97]
+    rows, rest = [], []
+    for one, other in zip(true, found, strict=True):
+        r, t = other.world_to_camera[:3, :3], other.world_to_camera[:3, 3]
+        off = points @ one.world_to_camera[:3, :3].T + one.world_to_camera[:3, 3] - (points @ r.T + t)
+        by_turn = np.stack([np.cross(axis, points) @ r.T for axis in np.eye(3)], axis=2)
+        rows.append(np.concatenate([by_turn, np.broadcast_to(r, by_turn.shape)], axis=2)[:, :2])
+        rest.append(off[:, :2])  # across the picture
+    least = np.linalg.lstsq(np.concatenate(rows).reshape(-1, 6), np.concatenate(rest).ravel(), rcond=None)[0]
+    w, t = least[:3], least[3:]
+    motion = np.eye(4)
+    motion[:3, :3], motion[:3, 3] = Rotation.from_rotvec(w).as_matrix(), t
+    moved = [
+        replace(
+            p,
+            camera=p.camera.with_pose(p.camera.world_to_camera @ np.linalg.inv(motion)),
+            lamps=tuple(replace(lamp, position=tuple(motion[:3, :3] @ lamp.place + t)) for lamp in p.lamps),
+        )
+        for p in seen.capture.photographs
+    ]
+    normals = [n @ motion[:3, :3].T for n in seen.normals]
+    return Simulated(
+        hg.Capture(tuple(moved), seen.capture.name),
+        seen.exact,
+        normals,
+        [p @ motion[:3, :3].T + t for p in seen.points],
+    )
 
 
 def _nothing() -> hg.Photograph:

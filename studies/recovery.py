@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 import hagoromo as hg
 from hagoromo.backend import vectors
 from studies.real_captures import REAL
-from studies.recover_scenes import Shots, Simulated, Truth, around, near_lamp, shots, simulated
+from studies.recover_scenes import Shots, Simulated, Truth, aligned, around, misstated, near_lamp, shots, simulated
 
 Array = NDArray[np.float64]
 SEED = 1
@@ -32,11 +32,12 @@ TWO_SIDED = NormalDist().inv_cdf(0.975)  # standard errors of a 95 % interval
 
 @dataclass(frozen=True)
 class Case:
-    """A capture, and what is predicted from it. side: nodes. far: lamps at 80 to 110° off the eye."""
+    """A capture, and what is predicted from it. side: nodes. refine: what is estimated beside the object."""
 
     words: str
     taken: Callable[[], Simulated]
     side: int = 64
+    refine: str = "none"
 
 
 @dataclass(frozen=True)
@@ -72,22 +73,38 @@ def taken(given: Shots) -> Simulated:
     return simulated(Truth(), given, SEED)
 
 
+def dome() -> Simulated:
+    """12 views, each under 16 lamps."""
+    return taken(shots(12, 5, 60, SEED, lamps=16))
+
+
+def wrong_dome() -> Simulated:
+    """The same with poses that are half a pixel wrong and lamps 3 % too strong or too weak."""
+    return misstated(dome(), 0.5, 0.03, SEED)
+
+
 CASES = {
     "near": Case("36 views, a near lamp each, 5 to 60° off the eye", lambda: taken(shots(36, 5, 60, SEED))),
     "near128": Case("the same, 128 nodes", lambda: taken(shots(36, 5, 60, SEED)), 128),
     "six": Case("6 views × 6 lamps", lambda: taken(shots(6, 5, 60, SEED, lamps=6))),
     "twelve": Case("12 views only", lambda: taken(shots(12, 5, 60, SEED))),
     "flash": Case("36 views, a flash on the camera", lambda: taken(flash(36))),
-    "dome": Case("12 views × 16 lamps", lambda: taken(shots(12, 5, 60, SEED, lamps=16))),
+    "dome": Case("12 views × 16 lamps", dome),
+    "wrong": Case("the same, poses half a pixel and strengths 3 % wrong", wrong_dome),
+    "refined": Case("the same, cameras and lamps refined", wrong_dome, refine="cameras,lamps"),
 }
 
 
 def measured(case: str, given: Case, aside: tuple[Simulated, Simulated], truth: Truth, **settings: Any) -> Row:
     """Recover a case and compare it with what is kept aside."""
-    capture = given.taken().capture
+    photographed = given.taken()
+    capture = photographed.capture
     begin = time.process_time()
-    found = hg.recover(capture, hg.RecoverySettings(side=given.side, keep=0, **settings))
+    found = hg.recover(capture, hg.RecoverySettings(side=given.side, keep=0, refine=given.refine, **settings))
     seconds = time.process_time() - begin
+    if photographed.cameras:
+        cameras = [p.camera for p in found.photographs]
+        aside = aligned(aside[0], photographed.cameras, cameras), aligned(aside[1], photographed.cameras, cameras)
     shown = shape_errors(found, aside[0])
     angles, distances = shown.angles, shown.distances
     material = found.record()["material"]

@@ -14,7 +14,7 @@ from hagoromo.app.verb import Force, Out, Written, say, verb, verbs, wrote
 from hagoromo.errors import InputError
 from hagoromo.files.record import write_json
 from hagoromo.files.whole import replaceable_files, replaceable_folder, whole_files
-from hagoromo.recovery.choices import Light, Refine
+from hagoromo.recovery.choices import AUTO, Light
 
 
 def recovery_files(out: Path) -> Written:
@@ -34,7 +34,7 @@ def recover(
     voxels: int | None = None,
     seed: int = 0,
     light: Light = "auto",
-    refine: Refine = "auto",
+    refine: str = AUTO,
     resume: bool = False,
     force: Force = False,
 ) -> None:
@@ -57,8 +57,10 @@ def recover(
         light: of photographs without lamps, what it is fixed to: the object; the camera (lamps move with it, or the
             object turns before it); even: the object, and body colours alone hold it. auto tries all three and takes
             the one that predicts best.
-        refine: cameras: one small turn of all cameras together is estimated, as of a principal point that is some
-            pixels wrong. auto: where no lamps are known, if it predicts better.
+        refine: what is estimated beside the object, a list such as cameras,lamps: turn: one small turn of all cameras
+            together, as of a principal point that is some pixels wrong; cameras: a small turn and shift of each;
+            lamps: a factor on the strength of each; exposure: a factor on each photograph. none: nothing. auto: a
+            turn, where no lamps are known, if it predicts better.
         resume: go on from BOX.checkpoint.npz, with the same capture and options. The result has the same bits.
     """
     if out.suffix != ".zarr":

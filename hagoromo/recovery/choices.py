@@ -1,6 +1,19 @@
 """Choices: the words by which a recovery is asked for what nobody measured."""
 
-from typing import Literal
+from typing import Literal, get_args
+
+from hagoromo.errors import InputError
 
 Light = Literal["auto", "even", "object", "camera"]  # what unknown light is fixed to
-Refine = Literal["auto", "cameras", "none"]  # what is estimated beside the object
+Part = Literal["turn", "cameras", "lamps", "exposure"]  # what can be refined beside the object
+PARTS: tuple[Part, ...] = get_args(Part)
+AUTO, NONE = "auto", "none"
+
+
+def parts_of(refine: str) -> tuple[Part, ...]:
+    """The parts that a list such as "cameras,lamps" names; none for "auto" and "none". `InputError` for others."""
+    named = [] if refine in (AUTO, NONE) else [word.strip() for word in refine.split(",")]
+    wrong = [word for word in named if word not in PARTS]
+    if wrong:
+        raise InputError(f"refine is {refine!r}: give {AUTO}, {NONE}, or a list of {', '.join(PARTS)}")
+    return tuple(part for part in PARTS if part in named)

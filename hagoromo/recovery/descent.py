@@ -18,10 +18,9 @@ from hagoromo.recovery.lamp_table import LampTable
 from hagoromo.recovery.pixel_table import CHUNK, Drawn, PixelTable
 from hagoromo.recovery.rendering import Rendering, SeenLight
 from hagoromo.recovery.shading import SurfaceShading
-from hagoromo.recovery.unknown_light import UnknownLight
 
 if TYPE_CHECKING:
-    from hagoromo.recovery.camera_turn import CameraTurn
+    from hagoromo.recovery.look import Look
 
 BAND = 3.0  # voxels from the surface within which nodes move
 CHOOSE_EVERY, LAST_CHOICE = 30, 0.8  # steps after which moving nodes are chosen anew; share of the steps until then
@@ -32,9 +31,9 @@ LARGEST_CHANGE, LEAST_COLOUR = 0.3, 1e-4  # [voxel] of a distance in a step; of 
 EIKONAL, BENDING = 2.0, 0.2  # of |∇d| from 1, and of the Laplacian of d, in units of a pixel's squared error
 EVENNESS = 30.0  # of the differences of body colours of neighbours, likewise: it decides where pixels say nothing
 SILHOUETTE = 100.0  # of a pixel's opacity, likewise
-GLOSS_EVERY, LIGHT_EVERY = 8, 2  # steps after which the gloss, and unknown light, are fitted
+GLOSS_EVERY, LIGHT_EVERY, STRENGTHS_EVERY = 8, 2, 4  # steps after which gloss, unknown light and strengths are fitted
 GLOSS_DRAW = 4  # times as many pixels as a step: several must show each place, as its colour is taken out of them
-TURN_EVERY, TURN_SHARE = 5, 4  # steps after which cameras turn; by every how many of the drawn chunks
+CAMERAS_EVERY, TURN_SHARE = 5, 4  # steps after which cameras move; one turn of all by every how many drawn chunks
 
 
 class Adam:
@@ -61,8 +60,8 @@ class Adam:
 class Descent:
     """One level of the lattice: its field and gloss move by the pixels of all views.
 
-    gloss: what `coordinates` gives. seed: of the pixels that are drawn. unknown: light where no lamp is known, which
-    is fitted, too. turn: of all cameras, likewise.
+    gloss: what `coordinates` gives. seed: of the pixels that are drawn. look: what is estimated beside the object; it
+    is fitted, too.
     """
 
     def __init__(
@@ -72,14 +71,13 @@ class Descent:
         lamps: LampTable,
         gloss: NDArray[np.floating],
         seed: int,
-        shadows: bool = True,
-        unknown: UnknownLight | None = None,
-        turn: CameraTurn | None = None,
+        shadows: bool,
+        look: Look,
     ) -> None:
-        self.field, self.pixels, self.lamps, self.turn = field, pixels, lamps, turn
-        self.rendering = Rendering(field, SurfaceShading(lamps, gloss, unknown), 1.0, shadows)
-        if turn is not None:
-            turn.apply(pixels)
+        self.field, self.pixels, self.lamps, self.look = field, pixels, lamps, look
+        self.rendering = Rendering(field, SurfaceShading(lamps, gloss, look.unknown), 1.0, shadows, look.strengths)
+        if look.cameras is not None:
+            look.cameras.apply(pixels)
         self.random = np.random.default_rng(seed)
         self.choose()
 
@@ -132,15 +130,22 @@ class Descent:
             picked = self._pick(chunks, total)
             drawn = self.pixels.of(picked)
             light = self.step(drawn, rate * fall, COLOUR_RATE * fall)
-            if self.shading.unknown is not None and k % LIGHT_EVERY == 0:
-                self.shading.unknown.fit(self.field, drawn, light, drawn.weights)
-            if self.turn is not None and k % TURN_EVERY == TURN_EVERY - 1:
-                self.turn.step(self.rendering, self.pixels, picked[::TURN_SHARE])
+            self._fit_look(k, picked, drawn, light)
             if self.lamps.each and k % GLOSS_EVERY == GLOSS_EVERY - 1:
                 many = self.pixels.of(self._pick(GLOSS_DRAW * chunks, total))
                 copies = self.pixels.count / dr.width(many.photograph)
                 self.shading.set_gloss(gloss_step(self.rendering, many, copies))
         progress(1.0)
+
+    def _fit_look(self, k: int, picked: NDArray[np.int64], drawn: Drawn, light: SeenLight) -> None:
+        """Fit what is estimated beside the object, in step k, by the pixels of the step."""
+        unknown, cameras, strengths = self.look.unknown, self.look.cameras, self.look.strengths
+        if unknown is not None and k % LIGHT_EVERY == 0:
+            unknown.fit(self.field, drawn, light, drawn.weights)
+        if strengths is not None and k % STRENGTHS_EVERY == 0:
+            strengths.step(self.pixels, drawn, light)
+        if cameras is not None and k % CAMERAS_EVERY == CAMERAS_EVERY - 1:
+            cameras.step(self.rendering, self.pixels, picked[:: 1 if cameras.each else TURN_SHARE])
 
     def _pick(self, chunks: int, total: int) -> NDArray[np.int64]:
         """Some chunks of pixels, drawn with equal chances, in order."""

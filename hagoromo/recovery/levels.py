@@ -12,8 +12,8 @@ from hagoromo.files.memory import require
 from hagoromo.progress import Progress, part_of
 from hagoromo.recovery.descent import DISTANCE_RATE, FIRST_RATE, Descent
 from hagoromo.recovery.distance_field import DistanceField
-from hagoromo.recovery.first_look import FoundLook, Look
 from hagoromo.recovery.lamp_table import LampTable
+from hagoromo.recovery.look import FoundLook, Look
 from hagoromo.recovery.object_view import ObjectView
 from hagoromo.recovery.pixel_table import CHUNK, PixelTable
 from hagoromo.recovery.recovered_shape import Shape
@@ -40,8 +40,8 @@ class Levels:
 
     views: what it is recovered from. start: on the lattice of the first level. sides: nodes along the longest edge of
     all levels. rays: of each step up to RAYS_SIDE nodes; beyond, they grow with the square of the nodes, as a surface
-    does. seed: of the pixels that are drawn. look: the light where no lamp is known, and the turn of all cameras; both
-    are fitted, too. `before`: the result of the level before.
+    does. seed: of the pixels that are drawn. look: what is estimated beside the object; it is fitted, too. `before`:
+    the result of the level before.
     """
 
     def __init__(
@@ -131,10 +131,7 @@ class Levels:
         ]
         pixels = PixelTable(reduced, lattice, LAST_MODEL_ERROR if last else MODEL_ERROR, float(np.median(bright)))
         field, seed = DistanceField(begin.distance, begin.colours), self.seed + max(lattice.shape)
-        return Descent(
-            field, pixels, LampTable(photographs, lattice), begin.gloss, seed, self.shadows,
-            self.look.unknown, self.look.turn,
-        )  # fmt: skip
+        return Descent(field, pixels, LampTable(photographs, lattice), begin.gloss, seed, self.shadows, self.look)
 
 
 def sides_of(finest: int) -> list[int]:

@@ -54,13 +54,18 @@ class PixelTable:
         self.photograph = lookup(arrays().UInt, number[: self.count].astype(np.uint32))
         self.table = [lookup(arrays().Float, each[: self.count].astype(np.float32)) for each in floats]
         places = np.stack([lattice.from_world(v.photograph.camera.position) for v in views])
-        self.eyes = lookup(arrays().Float, places.astype(np.float32).ravel())
-        self.turn(np.zeros((len(views), 3)))
-        dr.eval(self.photograph, self.table, self.eyes)
+        self.places, self.voxel = places, lattice.voxel
+        away = [np.linalg.norm(v.photograph.camera.position - lattice.middle) for v in views]
+        self.distance = float(np.median(away))  # of cameras from the object [m]
+        self.move(np.zeros((len(views), 3)), np.zeros((len(views), 3)))
+        dr.eval(self.photograph, self.table)
 
-    def turn(self, turns: NDArray[np.floating]) -> None:
-        """Turn the rays of each photograph about its camera. turns: (photographs, 3) rotation vectors, small [rad]."""
+    def move(self, turns: NDArray[np.floating], shifts: NDArray[np.floating]) -> None:
+        """Move the camera of each photograph. turns: (photographs, 3) rotation vectors, small [rad]. shifts: [m]."""
         self.turns = lookup(arrays().Float, np.asarray(turns, np.float32).ravel())
+        eyes = self.places + np.asarray(shifts) / self.voxel
+        self.eyes = lookup(arrays().Float, eyes.astype(np.float32).ravel())
+        dr.eval(self.turns, self.eyes)
 
     def of(self, chunks: NDArray[np.integer]) -> Drawn:
         """The pixels of some chunks, by number below `count` // CHUNK."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TypeAlias, get_args
+from typing import get_args
 
 import numpy as np
 
@@ -12,24 +12,21 @@ from hagoromo.errors import InputError
 from hagoromo.files.memory import require
 from hagoromo.photograph.capture import Capture, load_capture
 from hagoromo.progress import Progress, part_of, silent
-from hagoromo.recovery.camera_turn import CameraTurn
-from hagoromo.recovery.choices import Light, Refine
+from hagoromo.recovery.choices import AUTO, NONE, Light, parts_of
 from hagoromo.recovery.errors import Errors, errors_of
 from hagoromo.recovery.evidence import evidence_of
-from hagoromo.recovery.first_look import SIDE, FoundLook, Look, Turn, first_look
+from hagoromo.recovery.first_look import SIDE, Views, first_look
 from hagoromo.recovery.given import LEAST_VIEWS, check_lamps, check_not_cut, checked, kept_aside
 from hagoromo.recovery.hull import box_of, check_all_show_it, hull_distance, outlines_of, without_crumbs
 from hagoromo.recovery.lattice import Lattice
 from hagoromo.recovery.levels import Levels, sides_of
-from hagoromo.recovery.object_view import ObjectView
+from hagoromo.recovery.look import FoundLook, Look
 from hagoromo.recovery.pixel_table import CHUNK
 from hagoromo.recovery.recovered import Recovered
 from hagoromo.recovery.recovered_shape import Shape
 from hagoromo.recovery.silhouettes import views_of
-from hagoromo.recovery.unknown_light import UnknownLight
 from hagoromo.recovery.work import Work
 
-Views: TypeAlias = tuple[ObjectView, ...]
 LEAST_SIDE, LARGEST_SIDE = 16, 512  # nodes along the longest edge
 BYTES_PER_NODE = 90.0  # of all arrays together
 LOOK_SHARE = 0.3  # of the work, that a first look is
@@ -45,8 +42,10 @@ class RecoverySettings:
     the object's own shadows are taken into account. errors: whether each half of the photographs gives an object of its
     own, too, so that the errors of places are known: that doubles the time. seed: of the pixels that are drawn.
     light: what light is fixed to where no lamp is known; "even": to the object, without dependence on the normal;
-    "auto": the one of the three that predicts best. refine: whether one small turn of all cameras is estimated
-    ("cameras"), or "none"; "auto": where no lamp is known, if it predicts better.
+    "auto": the one of the three that predicts best. refine: what is estimated beside the object, a list of "turn" (one
+    small turn of all cameras), "cameras" (of each, a turn and a shift), "lamps" and "exposure" (a factor on the light
+    of each lamp, and of each photograph), such as "cameras,lamps"; "none"; "auto": a turn, where no lamp is known, if
+    it predicts better.
     """
 
     side: int = 128
@@ -57,7 +56,7 @@ class RecoverySettings:
     errors: bool = True
     seed: int = 0
     light: Light = "auto"
-    refine: Refine = "auto"
+    refine: str = AUTO
 
     def __post_init__(self) -> None:
         if not LEAST_SIDE <= self.side <= LARGEST_SIDE:
@@ -65,9 +64,9 @@ class RecoverySettings:
         for name, least in (("steps", 1), ("rays", CHUNK), ("keep", 0)):
             if getattr(self, name) < least:
                 raise InputError(f"{name} is {getattr(self, name)}: give {least} or more")
-        for name, words in (("light", get_args(Light)), ("refine", get_args(Refine))):
-            if getattr(self, name) not in words:
-                raise InputError(f"{name} is {getattr(self, name)!r}: give {', '.join(words)}")
+        if self.light not in get_args(Light):
+            raise InputError(f"light is {self.light!r}: give {', '.join(get_args(Light))}")
+        parts_of(self.refine)
         if self.keep == 1:
             raise InputError("keep is 1: every photograph would be kept aside; give 2 or more, or 0 for none")
 
@@ -102,14 +101,14 @@ def recover(
     used, kept = (tuple(v for v, out in zip(views, aside, strict=True) if out == which) for which in (False, True))
     kept_work = Work(None if work is None else Path(work), photographs, asdict(settings))
     lit = any(p.lamps for p in photographs)
-    look = Look(None, CameraTurn([v.photograph for v in used]) if settings.refine == "cameras" else None, {})
+    _check_lamps_of(settings.refine, lit)
+    look = FoundLook(parts_of(settings.refine)).of_views(used)
     if not lit:
         coarse = replace(settings, side=min(SIDE, settings.side), errors=False)
         of_look = part_of(progress, 0.0, LOOK_SHARE, "first look")
 
-        def looked_at(some: Views, others: Views, light: UnknownLight | None, vector: Turn | None) -> Recovered:
-            turn = None if vector is None else CameraTurn([v.photograph for v in some], vector)
-            return _recovered(some, others, coarse, Look(light, turn, {}), of_look, Work(None, (), {}))
+        def looked_at(some: Views, others: Views, start: FoundLook) -> Recovered:
+            return _recovered(some, others, coarse, start.of_views(some), of_look, Work(None, (), {}))
 
         if (known := kept_work.found.look) is None:
             known = first_look(used, settings.light, settings.refine, looked_at)
@@ -141,21 +140,20 @@ def _recovered(
     except KeyboardInterrupt:
         if levels.descent is None and levels.start is levels.before:
             raise
-    found, turn = levels.shape, levels.look.turn
-    if turn is not None:
-        used, kept = _turned(used, turn), _turned(kept, turn)
+    found, look = levels.shape, levels.look
+    used, kept = _changed(used, look), _changed(kept, look)
     return Recovered(
         found.lattice, np.asarray(without_crumbs(found.distance), np.float32), found.colours, found.gloss,
         levels.softness, tuple(v.photograph for v in used), kept, any(v.photograph.lamps for v in used),
         asdict(settings), stated=used[0].stated, evidence=known, errors=errors,
         complete=known is not None and (errors is not None or not both),
-        unknown=levels.look.unknown, turn=turn, tried=look.tried,
+        look=look,
     )  # fmt: skip
 
 
 def _levels(views: Views, settings: RecoverySettings, look: Look, rays: int) -> Levels:
     """The levels of some views, from their hull."""
-    seen = views if look.turn is None else _turned(views, look.turn)
+    seen = _changed(views, look)
     outlines, stated = outlines_of(seen), views[0].stated
     low, high = box_of(outlines, stated)
     finest = Lattice.around(low, high, settings.side)
@@ -181,5 +179,14 @@ def _errors(whole: Levels, settings: RecoverySettings, progress: Progress, work:
     return errors_of(whole.shape, halves, whole.before if len(whole.sides) > 1 else None)
 
 
-def _turned(views: Views, turn: CameraTurn) -> Views:
-    return tuple(replace(view, photograph=turn.of(view.photograph)) for view in views)
+def _changed(views: Views, look: Look) -> Views:
+    """Views with the cameras and lamps that were found."""
+    return tuple(replace(view, photograph=look.of(view.photograph)) for view in views)
+
+
+def _check_lamps_of(refine: str, lit: bool) -> None:
+    if not lit and {"lamps", "exposure"} & set(parts_of(refine)):
+        raise InputError(
+            f"refine is {refine!r}, but no photograph has a lamp whose strength could be refined: give lamps, or "
+            f"refine {NONE}, turn or cameras"
+        )

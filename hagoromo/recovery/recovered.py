@@ -20,13 +20,12 @@ from hagoromo.recovery.errors import Errors
 from hagoromo.recovery.evidence import Evidence
 from hagoromo.recovery.lamp_table import LampTable
 from hagoromo.recovery.lattice import Lattice
+from hagoromo.recovery.look import Look
 from hagoromo.recovery.object_view import ObjectView
 from hagoromo.recovery.rendering import Rendering
 from hagoromo.recovery.shading import SurfaceShading, figures
-from hagoromo.recovery.unknown_light import UnknownLight
 
 if TYPE_CHECKING:
-    from hagoromo.recovery.camera_turn import CameraTurn
     from hagoromo.volume.box import VolumeBox
 
 
@@ -91,9 +90,8 @@ class Recovered:
     their lamps are known; if not, colours are the light that the surface sends out. stated: whether masks stated
     silhouettes. evidence: how well the gloss is known, and which places photographs show; None where the recovery was
     interrupted. errors: those of places; None where they were not asked for, or photographs too few for halves of
-    three. complete: whether the recovery came to its end; it was interrupted otherwise. unknown: the light where no
-    lamp is known, if it depends on the normal. turn: of all cameras, which those of `photographs` and `kept` have made.
-    tried: PSNR [dB] of each kind of unknown light on photographs that a first look kept aside.
+    three. complete: whether the recovery came to its end; it was interrupted otherwise. look: what was estimated
+    beside the object; `photographs` and `kept` have the cameras and lamps that were found.
     """
 
     lattice: Lattice
@@ -111,9 +109,7 @@ class Recovered:
     evidence: Evidence | None = None
     errors: Errors | None = None
     complete: bool = True
-    unknown: UnknownLight | None = None
-    turn: CameraTurn | None = None
-    tried: Mapping[str, float] = field(default_factory=dict)
+    look: Look = field(default_factory=Look)
 
     def __repr__(self) -> str:
         nodes = " × ".join(str(n) for n in self.lattice.shape[::-1])
@@ -138,7 +134,7 @@ class Recovered:
     def rendering(self) -> Rendering:
         """The field on the device."""
         held = DistanceField(self.distance, self.colours)
-        light = None if self.unknown is None else self.unknown.of(self.photographs[:1])
+        light = None if self.look.unknown is None else self.look.unknown.of(self.photographs[:1])
         shading = SurfaceShading(LampTable(self.photographs[:1], self.lattice), self.gloss, light)
         return Rendering(held, shading, self.softness, bool(self.settings.get("shadows", True)))
 
@@ -156,15 +152,16 @@ class Recovered:
 
     def record(self) -> dict[str, Any]:
         """What was found, as plain data: the file beside a box."""
-        scores = self.scores()
+        scores, look = self.scores(), self.look
         edges = np.array(self.lattice.shape[::-1]) * self.lattice.voxel
         return {
             "hagoromo": written_by(dict(self.settings), self.settings.get("seed")),
             "name": self.name,
             "complete": self.complete,
-            "lamps": "known" if self.lit else LIGHTS["even" if self.unknown is None else self.unknown.frame],
-            "lights_tried_db": dict(self.tried),
-            "cameras": "as stated" if self.turn is None else f"all turned: {self.turn}",
+            "lamps": "known" if self.lit else LIGHTS["even" if look.unknown is None else look.unknown.frame],
+            "lights_tried_db": dict(look.tried),
+            "cameras": "as stated" if look.cameras is None else str(look.cameras),
+            "strengths": "as stated" if look.strengths is None else str(look.strengths),
             "silhouettes": "masks" if self.stated else "what is brighter than a dark background",
             "nodes": list(self.lattice.shape[::-1]),
             "voxel_m": self.lattice.voxel,

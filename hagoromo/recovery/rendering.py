@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 import numpy as np
@@ -17,6 +17,9 @@ from hagoromo.recovery.lattice import Lattice
 from hagoromo.recovery.pixel_table import Drawn, span
 from hagoromo.recovery.shading import SurfaceShading
 from hagoromo.recovery.surface_march import LatticeRays, Seen, SurfaceMarch
+
+if TYPE_CHECKING:
+    from hagoromo.recovery.strengths import Strengths
 
 OPAQUE = 1e-2  # optical depth of rays that count as hits
 INSIDE = 1.0  # [voxel] from the edge of the lattice where shadow rays end
@@ -41,11 +44,18 @@ class Rendering:
     """A distance field, the shading of its surface, and s [voxel], the softness of its opacity.
 
     shadows: whether the object keeps the light of lamps from itself. Their derivative is not taken: shadows are found
-    anew in each step, and held in it.
+    anew in each step, and held in it. strengths: factors on the light of lamps; None where they are as stated.
     """
 
-    def __init__(self, field: DistanceField, shading: SurfaceShading, softness: float, shadows: bool = True) -> None:
-        self.field, self.shading, self.shadows = field, shading, shadows
+    def __init__(
+        self,
+        field: DistanceField,
+        shading: SurfaceShading,
+        softness: float,
+        shadows: bool = True,
+        strengths: Strengths | None = None,
+    ) -> None:
+        self.field, self.shading, self.shadows, self.strengths = field, shading, shadows, strengths
         self.softness = softness
 
     @property
@@ -68,14 +78,18 @@ class Rendering:
 
     def _passed(self, drawn: Drawn, seen: Seen) -> list[Float]:
         jit, lamps = arrays(), self.shading.lamps
+        factors = [jit.Float(1.0)] * max(lamps.each, 1)
+        if self.strengths is not None:
+            factors = self.strengths.on(drawn.photograph)
         if not (self.shadows and lamps.each):
-            return [jit.Float(1.0)] * max(lamps.each, 1)
+            return factors
         place = dr.fma(drawn.rays.direction, seen.way, drawn.rays.origin)
         shares = []
         for k in range(lamps.each):
             to_lamp, distance, _ = lamps.arriving(drawn.photograph, k, place)
             far = dr.select(seen.depth > OPAQUE, dr.fmin(distance, self._to_edge(place, to_lamp)), 0.0)
-            shares.append(self.march.transmittance(LatticeRays(place, to_lamp, jit.Float(0), far)))
+            passed = self.march.transmittance(LatticeRays(place, to_lamp, jit.Float(0), far))
+            shares.append(factors[k] * passed)
             dr.eval(shares[-1])
         return shares
 

@@ -22,15 +22,15 @@ from hagoromo.files.whole import whole_file
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.photograph.transforms import record_from_lamp
 from hagoromo.recovery.evidence import Evidence
-from hagoromo.recovery.first_look import FoundLook
+from hagoromo.recovery.look import FoundLook
 from hagoromo.recovery.recovered_shape import Shape
 
 
 @dataclass(frozen=True, eq=False)
 class Checkpoint:
     """Where levels can go on. level: its number, that after the last where all are done; step: of it. shape: what there
-    is. before: the result of the level before. look: light and turn by then. random: state, as JSON, of the numbers
-    that draw pixels.
+    is. before: the result of the level before. look: what was estimated beside it by then. random: state, as JSON, of
+    the numbers that draw pixels.
     """
 
     level: int

@@ -66,8 +66,9 @@ def _found(recovered: Recovered, record: dict[str, Any]) -> list[str]:
     if not recovered.lit:
         tried = ", ".join(f"{kind} {db:.2f} dB" for kind, db in record["lights_tried_db"].items())
         said.append(f"The light is {record['lamps']}." + (f" A first look tried: {tried}." if tried else ""))
-    if recovered.turn is not None:
-        said.append(f"Cameras: {record['cameras']}, estimated from the photographs that were used.")
+    for what, found in (("Cameras", recovered.look.cameras), ("Strengths", recovered.look.strengths)):
+        if found is not None:
+            said.append(f"{what}: {found}, estimated from the photographs that were used.")
     return said
 
 

@@ -93,17 +93,17 @@ def test_light_that_is_fixed_to_the_camera_turns_with_it(moving):
 @pytest.mark.nightly
 def test_light_that_moves_with_the_camera_is_found_and_predicts_better(moving):
     found = hg.recover(moving, SETTINGS)
-    assert found.unknown is not None and found.unknown.frame == "camera"
+    assert found.look.unknown is not None and found.look.unknown.frame == "camera"
     assert found.record()["lamps"].startswith("unknown, fixed to the camera")
-    assert max(found.tried, key=lambda kind: found.tried[kind]) == "camera"
+    assert max(found.look.tried, key=lambda kind: found.look.tried[kind]) == "camera"
     assert mean_psnr(found) > mean_psnr(hg.recover(moving, replace(SETTINGS, light="even"))) + 3.0  # dB
 
 
 @pytest.mark.nightly
 def test_light_that_stands_still_is_not_taken_for_one_that_moves(standing):
     found = hg.recover(standing, SETTINGS)
-    assert found.unknown is None or found.unknown.frame == "object"
-    assert found.tried["object"] > found.tried["camera"]
+    assert found.look.unknown is None or found.look.unknown.frame == "object"
+    assert found.look.tried["object"] > found.look.tried["camera"]
 
 
 @pytest.mark.nightly
@@ -114,16 +114,16 @@ def test_cameras_that_all_look_aside_are_turned_and_those_kept_aside_with_them(s
         moved.append(replace(p, camera=replace(p.camera, principal=(x + ASIDE, y))))
     aside, given = hg.Capture(tuple(moved), "aside"), replace(SETTINGS, light="even")
     found, stated = hg.recover(aside, given), hg.recover(aside, replace(given, refine="none"))
-    assert stated.turn is None and found.turn is not None
-    assert found.turn.vector[1] / found.turn.pixel == pytest.approx(ASIDE, abs=0.4)  # px
+    assert stated.look.cameras is None and found.look.cameras is not None
+    assert found.look.cameras.values[0][1] / found.look.cameras.pixel == pytest.approx(ASIDE, abs=0.4)  # px
     assert mean_psnr(found) > mean_psnr(stated) + 1.0  # dB
 
 
 @pytest.mark.nightly
 def test_exact_cameras_stay(standing):
-    found = hg.recover(standing, replace(SETTINGS, light="even", refine="cameras"))
-    assert found.turn is not None
-    assert np.abs(found.turn.vector[:2] / found.turn.pixel).max() < 0.4  # px
+    found = hg.recover(standing, replace(SETTINGS, light="even", refine="turn"))
+    assert found.look.cameras is not None
+    assert np.abs(found.look.cameras.values[0][:2] / found.look.cameras.pixel).max() < 0.4  # px
 
 
 def test_without_lamps_dark_and_bright_pixels_count_alike(standing):

@@ -1,0 +1,124 @@
+"""Strengths: factors, near 1, on the light of each lamp and on each photograph, that photographs agree on.
+
+A strength that is stated some per cent wrong, or an exposure time, is absorbed by the colours and normals of places
+otherwise. The mean of all cannot be distinguished from brighter body colours: it stays as stated.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import drjit as dr
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+from hagoromo.backend import Float, UInt, arrays, lookup
+from hagoromo.light.lamp import Lamp
+from hagoromo.photograph.photograph import Photograph
+from hagoromo.photograph.transforms import record_from_lamp
+from hagoromo.recovery.distance_field import COLOURS
+from hagoromo.recovery.gloss_step import CORRELATED, robust
+from hagoromo.recovery.pixel_table import Drawn, PixelTable
+
+if TYPE_CHECKING:
+    from hagoromo.recovery.rendering import SeenLight
+
+Array = NDArray[np.float64]
+PRIOR = 0.05  # standard deviation of a factor's logarithm, known beforehand
+LARGEST = 0.1  # change of a logarithm in a step, at most
+DAMPED = 0.5  # share of a step of Gauss and Newton that is taken
+
+
+class Strengths:
+    """Logarithms of factors. lamps, exposure: whether lamps, and whether photographs, have one each.
+
+    found: logarithms by lamp and photograph, as `logarithms` gives them.
+    """
+
+    def __init__(
+        self, photographs: Sequence[Photograph], lamps: bool, exposure: bool, found: Mapping[str, float]
+    ) -> None:
+        self.lamps, self.exposure = lamps, exposure
+        self.each = max((len(p.lamps) for p in photographs), default=0)
+        names: dict[str, int] = {}
+        # (2, photographs, each): number of the factor of a lamp, and of the photograph; −1 where there is none
+        self.number = np.full((2, len(photographs), self.each), -1)
+        for k, photograph in enumerate(photographs):
+            for j, lamp in enumerate(photograph.lamps):
+                for which, name in enumerate((self._of_lamp(lamp), self._of_photograph(photograph))):
+                    if name:
+                        self.number[which, k, j] = names.setdefault(name, len(names))
+        self.names = list(names)
+        self.values = np.array([found.get(name, 0.0) for name in self.names])
+
+    def __str__(self) -> str:
+        spread, most = np.sqrt(np.mean(self.values**2)), np.abs(self.values).max()
+        what = " and ".join(word for word, on in (("lamp", self.lamps), ("photograph", self.exposure)) if on)
+        return f"each {what} brighter or darker by {100 * spread:.1f} % (rms), {100 * most:.1f} % at most"
+
+    @property
+    def logarithms(self) -> dict[str, float]:
+        """By lamp and photograph."""
+        return dict(zip(self.names, self.values.tolist(), strict=True))
+
+    def _of_lamp(self, lamp: Lamp) -> str:
+        return "lamp " + _digest(record_from_lamp(lamp)) if self.lamps else ""
+
+    def _of_photograph(self, photograph: Photograph) -> str:
+        pose = photograph.camera.world_to_camera.tolist()
+        return "photograph " + _digest([photograph.name, pose]) if self.exposure else ""
+
+    @property
+    def factors(self) -> Array:
+        """(photographs, each) on the light of each lamp of each photograph."""
+        with_none = np.append(self.values, 0.0)
+        return np.exp(with_none[self.number].sum(axis=0))
+
+    def on(self, photograph: UInt) -> list[Float]:
+        """Factors on the light of lamps that rays with these numbers of photographs see."""
+        jit = arrays()
+        table = lookup(jit.Float, self.factors.astype(np.float32).ravel())
+        return [dr.gather(jit.Float, table, photograph * self.each + k) for k in range(self.each)]
+
+    def step(self, pixels: PixelTable, drawn: Drawn, light: SeenLight) -> None:
+        """Half a step of Gauss and Newton by some pixels and their light."""
+        rest = [value - seen for value, seen in zip(drawn.values, light.channels, strict=True)]
+        weight = np.array(robust(drawn, rest, pixels.limit), np.float64)
+        count = len(self.values)
+        copies = pixels.count / len(weight) / CORRELATED
+        matrix, side = np.eye(count) / PRIOR**2, -self.values / PRIOR**2
+        number = self.number[:, np.array(drawn.photograph)]  # (2, pixels, each)
+        lane = np.arange(len(weight))
+        for c in range(COLOURS):
+            by = copies * weight * np.array(drawn.weights[c], np.float64)
+            parts = [np.array(p * light.seen.light[k * COLOURS + c], np.float64) for k, p in enumerate(light.passed)]
+            own = [(number[w, :, k], part) for w in (0, 1) for k, part in enumerate(parts)]
+            at, slope = (np.stack(each) for each in zip(*own, strict=True))
+            rows, known = np.broadcast_to(lane, at.shape), at >= 0
+            slopes = csr_array((slope[known], (rows[known], at[known])), (len(weight), count))
+            matrix += (slopes.T @ (slopes * by[:, None])).toarray()
+            side += slopes.T @ (by * np.array(rest[c], np.float64))
+        change = DAMPED * np.linalg.solve(matrix, side)
+        self.values = self.values + np.clip(change, -LARGEST, LARGEST)
+        for kind in self.number:
+            own = np.unique(kind[kind >= 0])
+            self.values[own] -= self.values[own].mean() if len(own) else 0.0
+
+    def of(self, photograph: Photograph) -> Photograph:
+        """A photograph with lamps as strong as was found; as stated, where nothing is known of them."""
+        known, own = self.logarithms, self._of_photograph(photograph)
+        lamps = []
+        for lamp in photograph.lamps:
+            factor = float(np.exp(known.get(self._of_lamp(lamp), 0.0) + known.get(own, 0.0)))
+            intensity = tuple(factor * x for x in np.atleast_1d(lamp.intensity))
+            lamps.append(replace(lamp, intensity=intensity if isinstance(lamp.intensity, tuple) else intensity[0]))
+        return replace(photograph, lamps=tuple(lamps))
+
+
+def _digest(record: object) -> str:
+    return hashlib.sha256(json.dumps(record, sort_keys=True).encode()).hexdigest()[:16]
