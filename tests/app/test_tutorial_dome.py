@@ -24,6 +24,7 @@ def home(tmp_path_factory):
     return folder
 
 
+@pytest.mark.nightly
 def test_the_lamps_of_the_ball_are_those_of_the_dome(home):
     """To 5°: the ball is 29 px wide here, where a pixel is 4° of the lamp."""
     found = np.array([lamp["to_lamp"] for lamp in read_json(home / "capture" / "transforms.json")["lamps"]])
@@ -31,6 +32,7 @@ def test_the_lamps_of_the_ball_are_those_of_the_dome(home):
     assert off.max() < 5.0 and np.median(off) < 2.5
 
 
+@pytest.mark.nightly
 def test_the_surface_is_found_and_the_photographs_are_linear(home):
     layers = [read_exr(home / path / "normals.exr")[0] for path in ("measured", "dome/truth")]
     found, true = (np.stack([one[f"N.{axis}"] for axis in "XYZ"], axis=2) for one in layers)

@@ -11,7 +11,13 @@ pytest.importorskip("resource", reason="the limits on files are POSIX's")
 ROOT = Path(__file__).parents[2]
 
 
-@pytest.mark.parametrize("fault", [("--verbs", "convert to COLMAP"), ("--full", "--verbs", "expose")])
+@pytest.mark.parametrize(
+    "fault",
+    [
+        pytest.param(("--verbs", "convert to COLMAP"), marks=pytest.mark.nightly),
+        ("--full", "--verbs", "expose"),
+    ],
+)
 def test_a_command_that_is_cut_off_leaves_the_old_or_the_new(fault):
     """A folder, and an EXR with its PNG, at 8 points each; all verbs and points: `make crash`."""
     ended = subprocess.run(

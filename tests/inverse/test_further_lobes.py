@@ -82,9 +82,8 @@ def assert_same_picture(capture, views, fit, material):
     assert abs(ours - theirs).max() < 2e-3 * theirs.max()
 
 
-@pytest.mark.parametrize(
-    ("haze", "spike"), [((0.5, 10.0), (4.0, 1.9)), pytest.param((0.3, 16.0), (8.0, 3.5), marks=pytest.mark.nightly)]
-)
+@pytest.mark.nightly
+@pytest.mark.parametrize(("haze", "spike"), [((0.5, 10.0), (4.0, 1.9)), ((0.3, 16.0), (8.0, 3.5))])
 def test_lobes_are_measured_within_their_intervals(haze, spike, monkeypatch, tmp_path):
     """Normals 0.15° off, as stated. As many lobes as there are, β and γ of each in its interval, which is no wider than
     a factor of 2 in β and 1.4 in γ. Tails and a colour, which one lobe seems to have, are given up. Files keep it all.

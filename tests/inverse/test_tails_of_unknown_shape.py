@@ -32,7 +32,8 @@ def error(capture, found):
     return float(np.degrees(np.arccos(cosine[np.isfinite(found.variance)])).mean())
 
 
-@pytest.mark.parametrize(("nu", "colour"), [pytest.param(1.0, NEUTRAL, marks=pytest.mark.nightly), (2.0, GOLD)])
+@pytest.mark.nightly
+@pytest.mark.parametrize(("nu", "colour"), [(1.0, NEUTRAL), (2.0, GOLD)])
 def test_tails_and_colours_are_found_and_measured(nu, colour):
     """Every parameter lies within four standard errors and a per cent, which the joint fit adds as its model error."""
     capture = photographed(3, nu, colour)
