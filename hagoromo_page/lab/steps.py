@@ -40,10 +40,11 @@ class Option:
     hint: str = ""
 
     def value(self, step: str, folder: Folder) -> str:
-        """What was chosen in a folder; the default where that is no choice any more."""
+        """What was chosen in a folder; the default where that is not offered, or would be an option."""
         chosen, default = folder.option(step, self.name, self.default(folder)), self.default(folder)
         known = None if self.choices is None else self.choices(folder)
-        return default if known is not None and not set(self._parts(chosen)) <= set(known) else chosen
+        offered = not chosen.startswith("-") if known is None else set(self._parts(chosen)) <= set(known)
+        return chosen if offered else default
 
     def words(self, step: str, folder: Folder) -> list[str]:
         """Its words in a command."""
@@ -179,7 +180,8 @@ def _curves(folder: Folder) -> dict[str, str]:
 
 
 def _cameras(folder: Folder) -> dict[str, str]:
-    files = [one for one in folder.beside if Path(one).suffix.lower() in CAMERAS and Path(one).name not in NO_CAMERAS]
+    files = [one for one in folder.beside if Path(one).suffix.lower() in CAMERAS and not one.startswith("-")]
+    files = [one for one in files if Path(one).name not in NO_CAMERAS]
     return {"": "from the EXIF", "orthographic": "orthographic", **{one: one for one in files}}
 
 
@@ -193,7 +195,7 @@ def _sources(folder: Folder) -> dict[str, str]:
 
 
 def _held(folder: Folder) -> dict[str, str]:
-    return {Path(name).stem: name for name in folder.photographs}
+    return {Path(name).stem: name for name in folder.photographs if not name.startswith("-")}
 
 
 def _archived(folder: Folder) -> list[str]:
@@ -248,7 +250,7 @@ TABLE = (
         "Measures without one photograph, predicts it, and shows both side by side.",
         ("relight",), lambda folder: [CAPTURE], RELIT,
         options=(
-            Option("hold", "Kept aside", "--hold", _held, lambda folder: Path(folder.photographs[-1]).stem),
+            Option("hold", "Kept aside", "--hold", _held, lambda folder: next(reversed(_held(folder)), "")),
         ),
         after=("capture",), opens=("report.html",),
     ),

@@ -177,6 +177,22 @@ def test_photographs_are_listed_one_by_one_where_a_shell_might_order_them_in_ano
     assert expanded(STEPS["capture"].shown(folder), folder) == ["hagoromo", *STEPS["capture"].words(folder)]
 
 
+def test_names_and_texts_of_others_are_no_options_of_a_command(laboratory):
+    """A folder from elsewhere may hold files, and choices kept, that look like options."""
+    home = laboratory.folder().home
+    for name in ("--allow=a.json", "--force.png", "-1.lp"):
+        (home / name).touch()
+    (home / "lab").mkdir()
+    kept = {"publish.title": "--allow=/", "capture.camera": "--allow=a.json", "lamps.from": "-1.lp"}
+    (home / "lab" / "lab.json").write_text(json.dumps({"options": kept}), encoding="utf-8")
+    folder = laboratory.folder()
+    assert folder.lamps_from == "-1.lp"
+    for step in TABLE:
+        words = step.words(folder)
+        assert not [word for word in words if word.startswith(("--allow", "--force", "-1"))]
+    assert {"./--force.png", "./-1.lp"} <= set(STEPS["capture"].words(folder))
+
+
 def wait(job):
     end = time.monotonic() + PATIENCE_S
     while job.status is None:
