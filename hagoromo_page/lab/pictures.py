@@ -25,7 +25,7 @@ SIDES = {"small": 240, "large": 1600}  # [px] of the longer side
 QUALITY = 88
 KEPT_BYTES = 1 << 28  # of pictures in memory
 WHITE_PERCENT = 99.5  # of the samples are shown up to white, of linear light
-OUTSIDE, OBJECT, BACKGROUND = (24, 60, 110, 120), (46, 160, 67, 90), (200, 40, 40, 90)  # R, G, B, A
+OUTSIDE, OBJECT, BACKGROUND = (24, 60, 110, 80), (46, 160, 67, 90), (200, 40, 40, 90)  # R, G, B, A
 OUTLINE = (255, 140, 0, 255)
 FOUND_MASK = f"{CAPTURE}/masks/object.png"
 
