@@ -477,7 +477,7 @@ def lab_kept(path: Path) -> None:
     """What the window of the laboratory keeps of a folder."""
     made = {"capture": {"words": ["capture", "a.jpg", "--out", "lab/capture"], "read": "0" * 64}}
     kept = {"order": ["b.jpg", "a.jpg"], "circles": [[10.0, 20.0, 5.5]], "options": {"publish.title": "Vase"}}
-    write_json(path, {**kept, "made": made})
+    write_json(path, {**kept, "corners": [[1.0, 2.0], [9.0, 2.0], [9.0, 8.0], [1.0, 8.0]], "made": made})
 
 
 def read_lab_kept(path: Path) -> None:

@@ -36,6 +36,7 @@ Text = Annotated[str, Meta(max_length=500)]
 Coordinate = Annotated[float, Meta(ge=-1e5, le=1e5)]
 Radius = Annotated[float, Meta(gt=0.0, le=1e5)]
 Circle = tuple[Coordinate, Coordinate, Radius]
+Corner = tuple[Coordinate, Coordinate]
 
 
 class Made(Record, frozen=True):
@@ -52,6 +53,7 @@ class LabRecord(Record, frozen=True, kw_only=True):
         list[Name], about("names of photographs in the order of their lamps"), up_to(MOST_PHOTOGRAPHS)
     ] = []
     circles: Annotated[list[Circle], about("x, y, radius [px] of chrome balls, by hand"), up_to(MOST_BALLS)] = []
+    corners: Annotated[list[Corner], about("x, y [px] of the chart's corners, by hand"), up_to(4)] = []
     options: Annotated[dict[Name, Text], about("step.option → its value")] = {}
     made: Annotated[dict[Name, Made], about("step → what its result was made of")] = {}
 
@@ -122,6 +124,18 @@ class Folder:
     def left_out(self) -> tuple[str, ...]:
         """Pictures here that are not among the photographs."""
         return tuple(name for name in self.files if _suffix(name) in SUFFIXES and name not in self.photographs)
+
+    @cached_property
+    def charts(self) -> tuple[str, ...]:
+        """Pictures here and in the folder above that are not among the photographs: one may show a chart of colours."""
+        pictures = (name for name in self.beside if _suffix(name) in SUFFIXES and not name.startswith("-"))
+        return tuple(name for name in pictures if name not in self.photographs)[:MOST_FOLDERS]
+
+    @property
+    def chart(self) -> str:
+        """The photograph of a chart that was chosen; "" where there is none."""
+        chosen = self.option("response", "chart", "")
+        return chosen if chosen in self.charts else ""
 
     @property
     def ordered(self) -> tuple[str, ...]:

@@ -68,6 +68,8 @@ class Laboratory:
             reorder(folder, folder.photographs)
         elif isinstance(message, messages.Circles):
             folder.keep(circles=message.circles)
+        elif isinstance(message, messages.Corners):
+            folder.keep(corners=message.corners)
         elif isinstance(message, messages.Stroke):
             paint(folder, message, self.pictures.shape(_with_photographs(folder)))
         elif isinstance(message, messages.ClearMask):
@@ -128,6 +130,8 @@ class Laboratory:
             "mask_found": (folder.home / FOUND_MASK).exists(),
             "size": read(lambda: self.pictures.shape(folder)[::-1], None),
             "ball_size": read(lambda: _ball_size(folder, self.pictures), None),
+            "chart": folder.chart, "corners": folder.record.corners,
+            "chart_size": read(lambda: self.pictures.shape(folder, folder.chart)[::-1], None) if folder.chart else None,
             "health": read(lambda: _health(folder), []), "layers": read(lambda: self.pictures.layers(folder), []),
             "maps_size": read(lambda: self.pictures.maps_size(folder), None),
             "profile": read(lambda: _profile(folder), {}),
@@ -172,7 +176,11 @@ def _choose(folder: Folder, message: messages.Choose) -> None:
     if option.choices is None and message.value.startswith("-"):
         raise InputError(f"{option.label}: {message.value!r} begins with -, which commands take for an option")
     changes: dict[str, Any] = {"options": {**folder.record.options, f"{step.name}.{option.name}": message.value}}
-    folder.keep(**changes, **({"order": []} if (step.name, option.name) == ("lamps", "from") else {}))
+    anew: dict[tuple[str, str], dict[str, Any]] = {
+        ("lamps", "from"): {"order": []},
+        ("response", "chart"): {"corners": []},
+    }
+    folder.keep(**changes, **anew.get((step.name, option.name), {}))
 
 
 def _with_photographs(folder: Folder) -> Folder:

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from msgspec import Meta
 
 from hagoromo.files.record import Record, about, up_to
-from hagoromo_page.lab.folder import MOST_BALLS, Circle, Coordinate, Name, Radius, Text
+from hagoromo_page.lab.folder import MOST_BALLS, Circle, Corner, Name, Radius, Text
 
 MOST_POINTS = 5000  # of a stroke: some hundred seconds of a moving hand
 Way = Annotated[str, Meta(max_length=4096)]
@@ -47,12 +47,22 @@ class Circles(Record, frozen=True, tag_field="do", tag="circles"):
     circles: Annotated[list[Circle], up_to(MOST_BALLS)]
 
 
+class Corners(Record, frozen=True, tag_field="do", tag="corners"):
+    """The corners of the chart, clockwise from that of the first patch; none: they are found."""
+
+    corners: Annotated[list[Corner], up_to(4)]
+
+    def __post_init__(self) -> None:
+        if len(self.corners) not in (0, 4):
+            raise ValueError(f"corners must be four, or none: given {len(self.corners)}")
+
+
 class Stroke(Record, frozen=True, tag_field="do", tag="stroke"):
     """A stroke over the mask, in pixels of the photographs."""
 
     paints: Annotated[Literal["object", "background", "as found"], about("what lies under the stroke")]
     radius: Radius
-    points: Annotated[list[tuple[Coordinate, Coordinate]], Meta(min_length=1, max_length=MOST_POINTS)]
+    points: Annotated[list[Corner], Meta(min_length=1, max_length=MOST_POINTS)]
 
 
 class ClearMask(Record, frozen=True, tag_field="do", tag="clear mask"):
@@ -76,5 +86,5 @@ class Cancel(Record, frozen=True, tag_field="do", tag="cancel"):
     """End the command that runs."""
 
 
-MESSAGES = (Open, Choose, Swap, Reverse, AsNamed, Circles, Stroke, ClearMask, Profile, Run, Cancel)
+MESSAGES = (Open, Choose, Swap, Reverse, AsNamed, Circles, Corners, Stroke, ClearMask, Profile, Run, Cancel)
 LARGEST_BODY = 1 << 18  # bytes: a stroke of MOST_POINTS has some 100 KB

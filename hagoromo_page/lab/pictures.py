@@ -39,7 +39,7 @@ class Pictures:
 
     def photograph(self, folder: Folder, name: str, size: str) -> bytes:
         """JPEG of a photograph, of a size of SIDES; `InputError` for another name or size, or a damaged file."""
-        if name not in {*folder.photographs, *folder.ball_photographs} or size not in SIDES:
+        if name not in {*folder.photographs, *folder.ball_photographs, folder.chart} - {""} or size not in SIDES:
             raise InputError(f"{name!r} is no photograph of this folder: reload the page")
         return self._photograph(folder.file(name))[1][size]
 

@@ -16,6 +16,7 @@ from hagoromo_page.lab.folder import CIRCLES_FROM, MASK, ON_BALL, Folder, Made
 
 PROGRAM = "hagoromo"
 CAPTURE, HEALTH, MEASURED, RELIT = "lab/capture", "lab/health.json", "lab/measured", "lab/relit"
+CHART, RESPONSE = "lab/chart.exr", "lab/response.csv"
 PAGE, EXPORTED, BAG, PROFILE = "lab/page.html", "lab/export", "lab/bag", "lab/archive.toml"
 JPEGS = (".jpg", ".jpeg")
 CAMERAS = (".json", ".yml", ".yaml")
@@ -74,6 +75,10 @@ class Step:
     after: tuple[str, ...] = ()
     applies: Callable[[Folder], bool] = lambda folder: True
     opens: tuple[str, ...] = field(default=())
+
+    def value(self, option: str, folder: Folder) -> str:
+        """What was chosen for an option in a folder."""
+        return next(one for one in self.options if one.name == option).value(self.name, folder)
 
     def plain_words(self, folder: Folder) -> list[str]:
         """The words of its command in a folder, without --force."""
@@ -139,6 +144,27 @@ def _pattern(folder: Folder, names: Sequence[str]) -> str:
     return str(home / f"*{suffix}") if whole else ""
 
 
+def _chart_given(folder: Folder) -> list[str]:
+    """The chart for `develop`; 8 bits are encoded as those of the photographs are."""
+    transfer = STEPS["capture"].value("transfer", folder)
+    return [*_paths([folder.chart]), *(["--transfer", transfer] if transfer in ("srgb", "linear") else [])]
+
+
+def _response_given(folder: Folder) -> list[str]:
+    corners = [f"{value:.6g}" for corner in folder.record.corners for value in corner]
+    linear = folder.chart if folder.chart.lower().endswith(".exr") else CHART
+    return [linear, *(["--corners", *corners] if len(corners) == 8 else [])]
+
+
+def _charts(folder: Folder) -> dict[str, str]:
+    return {"": "none", **{name: name for name in folder.charts}}
+
+
+def _spectra(folder: Folder) -> dict[str, str]:
+    files = [one for one in folder.beside if Path(one).suffix.lower() == ".csv" and not one.startswith("-")]
+    return {**{name: name for name in ("D65", "D50", "A")}, **{one: one for one in files}}
+
+
 def _paths(names: Sequence[str]) -> list[str]:
     """Names as a command takes them: one that begins with - is no option."""
     return [f"./{name}" if name.startswith("-") else name for name in names]
@@ -159,13 +185,15 @@ def _capture_given(folder: Folder) -> list[str]:
     else:
         words += ["--lamps", *_paths([folder.lamp_file])]
     mask = [MASK] if (folder.home / MASK).exists() else []
-    chosen = STEPS["capture"].options[0].value("capture", folder)
+    chosen = STEPS["capture"].value("mask", folder)
+    if folder.chart:
+        words += ["--response", RESPONSE, "--spectrum", STEPS["response"].value("lamp", folder)]
     return [*words, *{"auto": ["--mask", "auto", *mask], "by hand": ["--mask", *mask] if mask else []}.get(chosen, [])]
 
 
 def _capture_reads(folder: Folder) -> list[str]:
     lamps = [] if folder.lamps_from == ON_BALL else [folder.lamp_file]
-    return [*folder.photographs, *lamps, MASK, *filter(None, [STEPS["capture"].options[2].value("capture", folder)])]
+    return [*folder.photographs, *lamps, MASK, *filter(None, [STEPS["capture"].value("camera", folder)])]
 
 
 def _masks(folder: Folder) -> dict[str, str]:
@@ -217,6 +245,23 @@ TABLE = (
         applies=lambda folder: not folder.has_lamp_file,
     ),
     Step(
+        "develop", "Develop the chart", "The chart's photograph becomes linear in light.",
+        ("develop",), _chart_given, CHART,
+        options=(Option("exposure", "Exposure [s]", "--exposures", hint="if the file does not state it"),),
+        reads=lambda folder: (folder.chart,),
+        applies=lambda folder: bool(folder.chart) and not folder.chart.lower().endswith(".exr"),
+    ),
+    Step(
+        "response", "Read the chart", "24 known colours show how the camera responds to light.",
+        ("calibrate", "response"), _response_given, RESPONSE,
+        options=(
+            Option("chart", "Colour chart", "", _charts),
+            Option("lamp", "Spectrum of lamp", "--lamp", _spectra, lambda folder: "D65"),
+        ),
+        reads=lambda folder: (folder.chart, STEPS["response"].value("lamp", folder)),
+        after=("develop",), applies=lambda folder: bool(folder.chart),
+    ),
+    Step(
         "capture", "Put together", "Photographs, lamps, camera and mask become one folder to measure.",
         ("capture",), _capture_given, CAPTURE,
         options=(
@@ -227,7 +272,7 @@ TABLE = (
             ),
             Option("camera", "Camera", "--camera", _cameras),
         ),
-        reads=_capture_reads, after=("lamps",),
+        reads=_capture_reads, after=("lamps", "response"),
     ),
     Step(
         "health", "Check the photographs", "Order, lamps, strengths, transfer, motion, blur, mask, calibration.",

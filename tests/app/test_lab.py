@@ -130,6 +130,7 @@ def test_nothing_outside_of_the_folder_is_shown(served, root, tmp_path):
         ({"do": "run", "step": "rm"}, "no step 'rm'"),
         ({"do": "swap", "names": ["0.png", "x"]}, "'x' is no photograph"),
         ({"do": "circles", "circles": [[1.0, 2.0, -3.0]]}, "circles"),
+        ({"do": "corners", "corners": [[1.0, 2.0]]}, "corners must be four, or none"),
         ({"do": "choose", "step": "capture", "option": "transfer", "value": "--force"}, "not offered"),
         ({"do": "choose", "step": "publish", "option": "title", "value": "--capture"}, "begins with -"),
         ({"do": "choose", "step": "capture", "option": "out", "value": "x"}, "no option 'out'"),
@@ -155,14 +156,23 @@ def test_every_step_shows_the_command_that_it_runs_and_the_command_line_takes_it
     laboratory.do({"do": "circles", "circles": [[5.0, 6.0, 3.25]]})
     laboratory.do({"do": "choose", "step": "export", "option": "to", "value": "png ptm"})
     laboratory.do({"do": "choose", "step": "archive", "option": "inventory", "value": "18 'x'; rm -rf *"[:15]})
-    for source in ("../dome.lp", "ball"):
+    (laboratory.folder().home / "chart.tif").touch()
+    laboratory.do({"do": "corners", "corners": [[1.0, 2.0], [9.0, 2.0], [9.0, 8.0], [1.5, 8.0]]})
+    for source, chart in (("../dome.lp", "chart.tif"), ("ball", "")):
         laboratory.do({"do": "choose", "step": "lamps", "option": "from", "value": source})
+        kept = laboratory.folder().record.corners
+        laboratory.do({"do": "choose", "step": "response", "option": "chart", "value": chart})
+        laboratory.do({"do": "corners", "corners": kept})
         folder = laboratory.folder()
         for step in TABLE:
             words = step.words(folder)
             assert expanded(step.shown(folder), folder) == ["hagoromo", *words]
             assert step.makes in words and "--force" not in words
             parsed(words)
+        chain = [step.name for step in STEPS["health"].chain(folder)]
+        assert chain == (["develop", "response", "capture", "health"] if chart else ["lamps", "capture", "health"])
+        assert ("--response lab/response.csv --spectrum D65" in STEPS["capture"].shown(folder)) == bool(chart)
+    assert "--corners 1 2 9 2 9 8 1.5 8 --lamp D65" in STEPS["response"].shown(folder)
     assert "*.png" in STEPS["capture"].shown(folder) and "--ball 5,6,3.25" in STEPS["capture"].shown(folder)
     (folder.home / "lab" / "health.json").write_text("{}", encoding="utf-8")
     assert STEPS["health"].shown(folder).endswith("--force")

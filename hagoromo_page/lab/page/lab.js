@@ -4,15 +4,16 @@
 
 const SECTIONS = [
   { name: "folder", title: "Folder", steps: [] },
-  { name: "photographs", title: "Photographs", steps: ["lamps", "capture", "health"] },
+  { name: "photographs", title: "Photographs", steps: ["lamps", "develop", "response", "capture", "health"] },
   { name: "measure", title: "Measure", steps: ["measure"] },
   { name: "compare", title: "Compare", steps: ["relight"] },
   { name: "share", title: "Publish and keep", steps: ["publish", "export", "archive"] },
 ];
-const TOOLS = { look: "Look", ball: "Ball", object: "Object", background: "Background", "as found": "Eraser", swap: "Swap" };
+const TOOLS = { look: "Look", ball: "Ball", object: "Object", background: "Background", "as found": "Eraser", swap: "Swap", chart: "Chart" };
 const HINTS = {
   look: "", ball: "Drag the circle, or its white handle; drag elsewhere to draw one.", object: "Paint what is object.",
   background: "Paint what is not the object.", "as found": "Takes back what was painted.",
+  chart: "Click the chart's four corners, clockwise from the brown patch; then drag them.",
   swap: "Choose two photographs below; their lamps are exchanged.",
 };
 const PROFILE = { creator: "Made by", institution: "Institution", licence: "Licence", place: "Place", contact: "Contact", camera: "Camera", lens: "Lens", lamps: "Lamps" };
@@ -120,9 +121,9 @@ function draw() {
   if (!state) return;
   const seen = view(), { job, ...still } = state, busy = running();
   part("steps", [still, seen.section, busy, current()], drawSteps);
-  part("tools", [still.steps, still.layers, still.painted, still.by_hand, still.as_named, still.lamps_in_file, seen, busy, brush], drawTools);
+  part("tools", [still.steps, still.layers, still.painted, still.by_hand, still.chart, still.corners, still.as_named, still.lamps_in_file, seen, busy, brush], drawTools);
   part("notes", [still.faults, still.advice, fault, seen.section], drawNotes);
-  part("stage", [still.folder, still.photographs.length, still.circles, still.painted, still.mask_found, still.size, still.faults, seen, current(), version], drawStage);
+  part("stage", [still.folder, still.photographs.length, still.circles, still.chart, still.corners, still.painted, still.mask_found, still.size, still.faults, seen, current(), version], drawStage);
   part("strip", [still.folder, still.order, still.lamps, still.photographs, current(), chosen, seen.tool, busy], drawStrip);
   part("command", [job, still.steps, seen.section], drawCommand);
 }
@@ -178,7 +179,9 @@ function folderPanel() {
 }
 
 function photographsPanel() {
-  const options = SECTIONS[1].steps.map(stepOf).filter(Boolean).flatMap(step => step.options.map(one => optionRow(step, one)));
+  const idle = step => ["develop", "response"].includes(step.name) && !step.command;  // without a chart: only which one
+  const rows = step => step.options.filter(one => !idle(step) || one.name === "chart" && Object.keys(one.choices).length > 1).map(one => optionRow(step, one));
+  const options = SECTIONS[1].steps.map(stepOf).filter(Boolean).flatMap(rows);
   const health = stepOf("health");
   return [...options, runButton(health, "Check the photographs"), dome(), healthBox()].filter(Boolean);
 }
@@ -253,6 +256,7 @@ function drawTools() {
     for (const [name, label] of Object.entries(TOOLS)) {
       if (name === "swap" && !state.lamps_in_file) continue;
       if (name === "ball" && state.lamps_in_file) continue;
+      if (name === "chart" && !state.chart) continue;
       made.push(h("button", { id: `tool-${name.replace(" ", "-")}`, "aria-pressed": String(seen.tool === name), disabled: off && name !== "look", title: HINTS[name], onclick: () => { chosen = null; look({ tool: name, shows: "photograph" }); } }, label));
       if (name === "look" || name === "as found") made.push(h("span", { class: "gap" }));
     }
@@ -262,6 +266,7 @@ function drawTools() {
     }
     if (seen.tool === "swap") made.push(h("button", { id: "reverse", disabled: off, onclick: () => send({ do: "reverse" }) }, "Reverse all"),
       state.as_named ? null : h("button", { id: "as-named", disabled: off, onclick: () => send({ do: "as named" }) }, "Order as named"));
+    if (seen.tool === "chart" && state.corners.length) made.push(h("button", { id: "find-corners", disabled: off, onclick: () => send({ do: "corners", corners: [] }) }, "Find them instead"));
     if (seen.tool === "ball" && state.by_hand) made.push(h("button", { id: "find-balls", disabled: off, onclick: () => send({ do: "circles", circles: [] }) }, "Find it again"));
   } else if (state.steps) {
     const chip = (shows, label) => h("button", { "aria-pressed": String(seen.shows === shows), onclick: () => look({ shows }) }, label);
@@ -300,6 +305,12 @@ function drawStage() {
   const name = onBall ? photographs[Math.max(state.order.indexOf(current()), 0)] || photographs[0] : current();
   const size = onBall ? state.ball_size : state.size;
   named.textContent = HINTS[seen.tool] || `${name} · ${photographs.indexOf(name) + 1} of ${photographs.length} · ${size[0]} × ${size[1]} px`;
+  if (seen.tool === "chart" && state.chart_size) {
+    named.textContent = HINTS.chart;
+    const chart = framed(state.chart_size, `/photograph?${new URLSearchParams({ name: state.chart, size: "large" })}`);
+    chart.append(cornersOf(state.chart_size));
+    return stage.replaceChildren(chart);
+  }
   const frame = framed(size, `/photograph?${new URLSearchParams({ name, size: "large" })}`);
   if (seen.tool !== "ball" && (state.mask_found || state.painted)) frame.append(h("img", { src: `/overlay?${version}-${state.painted}`, alt: "", id: "overlay" }));
   frame.append(drawing(size, frame, onBall));
@@ -320,10 +331,7 @@ new ResizeObserver(() => { for (const frame of document.querySelectorAll(".frame
 
 function drawing(size, frame, onBall) {
   const tool = view().tool, svg = h("svg", { viewBox: `0 0 ${size[0]} ${size[1]}`, class: tool === "ball" ? "" : "idle", id: "drawing" });
-  const place = event => {
-    const box = svg.getBoundingClientRect();
-    return [(event.clientX - box.left) / box.width * size[0], (event.clientY - box.top) / box.height * size[1]];
-  };
+  const place = placeIn(svg, size);
   if (!state.ball_size || onBall) {
     const circles = state.circles.map(one => [...one]);
     circles.forEach((one, k) => svg.append(...ballOf(one, k, circles, place, svg, size)));
@@ -366,6 +374,37 @@ function ballOf(one, number, circles, place, svg, size) {
   ball.addEventListener("pointerdown", moved((now, from, before) => { one[0] = before[0] + now[0] - from[0]; one[1] = before[1] + now[1] - from[1]; }));
   grip.addEventListener("pointerdown", moved(now => { one[2] = Math.max(Math.hypot(now[0] - one[0], now[1] - one[1]), 1); }));
   return [ball, grip];
+}
+function cornersOf(size) {
+  const svg = h("svg", { viewBox: `0 0 ${size[0]} ${size[1]}`, id: "drawing" }), corners = state.corners.map(one => [...one]);
+  const line = h("polyline", { class: "chart" }), place = placeIn(svg, size);
+  svg.append(line);
+  const redraw = () => line.setAttribute("points", [...corners, ...(corners.length === 4 ? [corners[0]] : [])].map(String).join(" "));
+  const keep = () => corners.length === 4 && send({ do: "corners", corners });
+  const grip = one => {
+    const circle = h("circle", { class: "grip", r: 0.008 * Math.max(...size), cx: one[0], cy: one[1] });
+    circle.addEventListener("pointerdown", event => {
+      event.stopPropagation();
+      drag(event, svg, now => { [one[0], one[1]] = now; circle.setAttribute("cx", now[0]); circle.setAttribute("cy", now[1]); redraw(); }, place, keep);
+    });
+    svg.append(circle);
+  };
+  corners.forEach(grip);
+  redraw();
+  if (!running()) svg.addEventListener("pointerdown", event => {
+    if (event.button || corners.length === 4) return;
+    corners.push(place(event));
+    grip(corners[corners.length - 1]);
+    redraw();
+    keep();
+  });
+  return svg;
+}
+function placeIn(svg, size) {
+  return event => {
+    const box = svg.getBoundingClientRect();
+    return [(event.clientX - box.left) / box.width * size[0], (event.clientY - box.top) / box.height * size[1]];
+  };
 }
 function shape(ball, [x, y, r]) { ball.setAttribute("cx", x); ball.setAttribute("cy", y); ball.setAttribute("r", r); }
 function drag(event, svg, moves, place, ends) {
