@@ -152,7 +152,7 @@ def _shown(step: Step, folder: Folder) -> dict[str, Any]:
 
 def _option(option: Option, step: Step, folder: Folder) -> dict[str, Any]:
     return {
-        "name": option.name, "label": option.label, "hint": option.hint, "many": option.many,
+        "name": option.name, "label": option.label, "hint": option.hint, "aside": option.aside, "many": option.many,
         "value": option.value(step.name, folder), "choices": option.choices and option.choices(folder),
     }  # fmt: skip
 

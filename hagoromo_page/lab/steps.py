@@ -29,7 +29,7 @@ class Option:
     """A choice that becomes words of a command.
 
     flag: of the command; "": the step's own words say it. choices: value → what people read; none: free text.
-    many: whether the value is words, each chosen by itself. default, choices: of a folder.
+    many: whether the value is words, each chosen by itself. default, choices: of a folder. aside: seldom needed.
     """
 
     name: str
@@ -39,6 +39,7 @@ class Option:
     default: Callable[[Folder], str] = lambda folder: ""
     many: bool = False
     hint: str = ""
+    aside: bool = False
 
     def value(self, step: str, folder: Folder) -> str:
         """What was chosen in a folder; the default where that is not offered, or would be an option."""
@@ -145,9 +146,10 @@ def _pattern(folder: Folder, names: Sequence[str]) -> str:
 
 
 def _chart_given(folder: Folder) -> list[str]:
-    """The chart for `develop`; 8 bits are encoded as those of the photographs are."""
+    """The chart for `develop`, by what is stated of the photographs."""
     transfer = STEPS["capture"].value("transfer", folder)
-    return [*_paths([folder.chart]), *(["--transfer", transfer] if transfer in ("srgb", "linear") else [])]
+    facts = [word for option in FACTS for word in option.words("capture", folder)]
+    return [*_paths([folder.chart]), *(["--transfer", transfer] if transfer in ("srgb", "linear") else []), *facts]
 
 
 def _response_given(folder: Folder) -> list[str]:
@@ -236,6 +238,12 @@ FORMATS = {
     "png": "maps, PNG", "tiff": "maps, TIFF", "exr": "maps, EXR", "glb": "mesh, GLB", "ply": "mesh, PLY", "ptm": "PTM",
     "hsh": "HSH (.rti)", "relight": "Relight (OpenLIME)", "csv": "spectra, CSV", "materialx": "MaterialX",
 }  # fmt: skip
+FACTS = (  # that files of photographs may lack
+    Option("exposure", "Exposure [s]", "--exposures", hint="of each", aside=True),
+    Option("iso", "ISO", "--iso", aside=True), Option("black", "Black level", "--black", aside=True),
+    Option("white", "White level", "--white", aside=True),
+    Option("mosaic", "Mosaic", "--mosaic", hint="such as RGGB, or none", aside=True),
+)  # fmt: skip
 TABLE = (
     Step(
         "lamps", "Find the lamps", "Each chrome ball shows where the lamp of each photograph is.",
@@ -247,7 +255,6 @@ TABLE = (
     Step(
         "develop", "Develop the chart", "The chart's photograph becomes linear in light.",
         ("develop",), _chart_given, CHART,
-        options=(Option("exposure", "Exposure [s]", "--exposures", hint="if the file does not state it"),),
         reads=lambda folder: (folder.chart,),
         applies=lambda folder: bool(folder.chart) and not folder.chart.lower().endswith(".exr"),
     ),
@@ -270,7 +277,7 @@ TABLE = (
                 "transfer", "Transfer", "--transfer", _curves,
                 lambda folder: "srgb" if Path(folder.photographs[0]).suffix.lower() in JPEGS else "",
             ),
-            Option("camera", "Camera", "--camera", _cameras),
+            Option("camera", "Camera", "--camera", _cameras), *FACTS,
         ),
         reads=_capture_reads, after=("lamps", "response"),
     ),

@@ -13,7 +13,7 @@ const TOOLS = { look: "Look", ball: "Ball", object: "Object", background: "Backg
 const HINTS = {
   look: "", ball: "Drag the circle, or its white handle; drag elsewhere to draw one.", object: "Paint what is object.",
   background: "Paint what is not the object.", "as found": "Takes back what was painted.",
-  chart: "Click the chart's four corners, clockwise from the brown patch; then drag them.",
+  chart: "Click its four corners, clockwise from the brown patch.",
   swap: "Choose two photographs below; their lamps are exchanged.",
 };
 const PROFILE = { creator: "Made by", institution: "Institution", licence: "Licence", place: "Place", contact: "Contact", camera: "Camera", lens: "Lens", lamps: "Lamps" };
@@ -181,7 +181,10 @@ function folderPanel() {
 function photographsPanel() {
   const idle = step => ["develop", "response"].includes(step.name) && !step.command;  // without a chart: only which one
   const rows = step => step.options.filter(one => !idle(step) || one.name === "chart" && Object.keys(one.choices).length > 1).map(one => optionRow(step, one));
-  const options = SECTIONS[1].steps.map(stepOf).filter(Boolean).flatMap(rows);
+  const steps = SECTIONS[1].steps.map(stepOf).filter(Boolean);
+  const options = steps.flatMap(step => rows({ ...step, options: step.options.filter(one => !one.aside) }));
+  const aside = steps.flatMap(step => step.options.filter(one => one.aside).map(one => [step, one]));
+  options.push(h("details", { open: aside.some(([, one]) => one.value) }, h("summary", {}, "What the files do not state"), h("div", { class: "aside" }, ...aside.map(pair => optionRow(...pair)))));
   const health = stepOf("health");
   return [...options, runButton(health, "Check the photographs"), dome(), healthBox()].filter(Boolean);
 }
@@ -220,7 +223,7 @@ function profilePanel() {
     id: `profile-${key}`, value: kept[key] || "", placeholder: NEEDED.includes(key) ? "needed, unless you have a profile" : "", disabled: running(), maxlength: 500,
     onchange: event => { kept[key] = event.target.value; send({ do: "profile", values: kept }); },
   })));
-  return h("details", { open: Object.keys(kept).length > 0 }, h("summary", {}, "Who, where, with what"), h("div", { style: "display:grid;gap:.4rem;margin-top:.4rem" }, ...rows));
+  return h("details", { open: Object.keys(kept).length > 0 }, h("summary", {}, "Who, where, with what"), h("div", { class: "aside" }, ...rows));
 }
 function dome() {
   if (!state.lamps.length) return null;
