@@ -18,7 +18,7 @@ from typing import Any
 from hagoromo.app.progress_bar import LIVE
 from hagoromo.files.names import printable
 from hagoromo_page.lab.folder import Folder, Made
-from hagoromo_page.lab.steps import Step
+from hagoromo_page.lab.step import Step
 
 LOG = logging.getLogger(f"hagoromo.{__name__}")
 PROGRESS = re.compile(r"^[\w ]{1,40}: (\d{1,3}) %(?:, (.*))?$")  # as hagoromo.app.progress_bar writes it

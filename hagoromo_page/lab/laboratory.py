@@ -15,7 +15,8 @@ from hagoromo_page.lab.corrections import clear_mask, paint, reorder, swapped, w
 from hagoromo_page.lab.folder import MASK, ON_BALL, Folder
 from hagoromo_page.lab.job import Job
 from hagoromo_page.lab.pictures import FOUND_MASK, Pictures
-from hagoromo_page.lab.steps import HEALTH, PROFILE, STEPS, TABLE, Option, Step
+from hagoromo_page.lab.step import Option, Step
+from hagoromo_page.lab.steps import HEALTH, PROFILE, STEPS, TABLE
 
 LEAST_PHOTOGRAPHS = 4  # for a shape that nobody knows
 
