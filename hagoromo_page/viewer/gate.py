@@ -186,7 +186,7 @@ def check_free(host: str, port: int) -> None:
             trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             trial.bind(place)
     except (OSError, UnicodeError) as error:
-        raise InputError(f"cannot listen on {host}, port {port}: {error}: give another --host or --port") from None
+        raise InputError(f"cannot listen on {host}, port {port}: {error}: give another port or address") from None
 
 
 def _response(status: http.HTTPStatus, text: str, *headers: tuple[str, str]) -> Any:

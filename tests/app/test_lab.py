@@ -3,6 +3,8 @@
 import http.client
 import json
 import shlex
+import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -25,6 +27,7 @@ from hagoromo_page.lab.laboratory import Exists, Laboratory
 from hagoromo_page.lab.messages import LARGEST_BODY
 from hagoromo_page.lab.server import LabServer
 from hagoromo_page.lab.steps import STEPS, TABLE
+from tests.app.started import STARTED
 
 COUNT, SIZE = 5, (11, 17)  # photographs, of height and width [px]
 LAMPS = [f"{k}.png 0.{k} 0.1 1.0" for k in range(COUNT)]
@@ -348,6 +351,31 @@ def test_a_folder_that_cannot_be_measured_says_so_in_one_line(root):
     (root / "vase" / "lab").mkdir()
     (root / "vase" / "lab" / "lab.json").write_text('{"order": 3}', encoding="utf-8")
     assert any("lab.json" in line for line in said_of(root, "vase").lines)
+
+
+def test_a_folder_or_port_that_cannot_be_served_is_refused_in_one_line(refused, tmp_path):
+    assert "does not exist" in refused("lab", tmp_path / "absent", "--no-browser")
+    (tmp_path / "a.jpg").touch()
+    assert "is a file" in refused("lab", tmp_path / "a.jpg", "--no-browser")
+    assert "port is 99999" in refused("lab", tmp_path, "--no-browser", "--port", "99999")
+    with closing(socket.create_server(("127.0.0.1", 0))) as taken:
+        port = taken.getsockname()[1]
+        assert f"port {port}" in refused("lab", tmp_path, "--no-browser", "--port", port)
+
+
+@pytest.mark.nightly
+def test_the_command_serves_until_it_is_interrupted(root):
+    command = [sys.executable, "-c", STARTED, "lab", str(root), "--no-browser"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        place = urlsplit(process.stdout.readline().removeprefix("open ").strip())
+        assert place.hostname == "127.0.0.1"
+        with closing(http.client.HTTPConnection(place.hostname, place.port, timeout=30)) as link:
+            link.request("GET", f"/?{place.query}")
+            assert link.getresponse().status == 302
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 130 and said.splitlines() == ["hagoromo: interrupted: nothing was written"]
 
 
 def test_the_photographs_are_those_of_the_format_that_most_have_in_the_order_people_count(tmp_path):
