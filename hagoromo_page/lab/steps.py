@@ -190,7 +190,7 @@ ARCHIVE_STEP = Step(
     ("archive",), _archived, BAG,
     options=(
         Option("inventory", "Inventory number", "--inventory"), Option("title", "Title", "--title"),
-        Option("date", "Photographed on", "--date", hint="such as 2026-11-27"),
+        Option("date", "Date", "--date", hint="of the photographs, such as 2026-11-27"),
     ),
     reads=lambda folder: (PROFILE, PAGE, RELIT), after=(MEASURE_STEP,),
 )  # fmt: skip

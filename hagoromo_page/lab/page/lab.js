@@ -274,7 +274,7 @@ function drawTools() {
   } else if (state.steps) {
     const chip = (shows, label) => h("button", { "aria-pressed": String(seen.shows === shows), onclick: () => look({ shows }) }, label);
     if (seen.section !== "folder") made.push(chip("photograph", "Photograph"));
-    if (seen.section === "measure") made.push(...state.layers.map(name => chip(`layer:${name}`, name.split(",")[0])));
+    if (seen.section === "measure") made.push(...state.layers.map(name => chip(`layer:${name}`, name.replace(/^[a-z]/, letter => letter.toUpperCase()))));
     for (const step of SECTIONS.find(one => one.name === seen.section).steps.map(stepOf).filter(Boolean))
       if (step.state !== "to do") made.push(...step.opens.map(name => chip(`result:${name}`, step.name === "publish" ? "Page" : "Report")));
   }
