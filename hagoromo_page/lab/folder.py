@@ -74,6 +74,7 @@ class Folder:
         self.home = existing_folder(inside(self.root, relative)).resolve()
         if not self.home.is_relative_to(self.root):
             raise InputError(f"{relative!r} lies outside {self.root}: choose a folder in it")
+        self._facts: dict[str, list[str | int]] = {}  # of files, as they were when they were first asked for
 
     @property
     def relative(self) -> str:
@@ -220,15 +221,16 @@ class Folder:
         return [decode_circle(ball) for ball in balls][:MOST_BALLS]
 
     def read_digest(self, names: Iterable[str]) -> str:
-        """Digest of names, sizes and times of files and folders; "" stands for what is not there."""
-        facts = []
-        for name in names:
+        """Digest of names, sizes and times of files and folders; those of what is not there are none."""
+        return hashlib.sha256(json.dumps([self._fact(name) for name in names]).encode()).hexdigest()
+
+    def _fact(self, name: str) -> list[str | int]:
+        if name not in self._facts:
             path = self.file(name)
             status = path.stat() if path.exists() else None
-            facts.append(
-                [name, *([] if status is None else [0 if path.is_dir() else status.st_size, status.st_mtime_ns])]
-            )
-        return hashlib.sha256(json.dumps(facts).encode()).hexdigest()
+            size = [] if status is None else [0 if path.is_dir() else status.st_size, status.st_mtime_ns]
+            self._facts[name] = [name, *size]
+        return self._facts[name]
 
 
 def decode_circle(ball: Any) -> Circle:

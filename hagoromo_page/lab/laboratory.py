@@ -98,6 +98,10 @@ class Laboratory:
     def _busy(self) -> bool:
         return self.job is not None and self.job.status is None
 
+    def progress(self) -> dict[str, Any] | None:
+        """How far the last command is; None where there was none."""
+        return None if self.job is None else self.job.record()
+
     def state(self) -> dict[str, Any]:
         """All that the page shows. What cannot be read is a line of `faults`."""
         folder = self.folder()
@@ -109,7 +113,7 @@ class Laboratory:
         known: dict[str, Any] = {
             "root": str(self.root), "folder": folder.relative, "path": str(folder.home), "folders": folder.folders,
             "photographs": folder.photographs, "left_out": folder.left_out, "advice": [] if faults else _advice(folder),
-            "job": None if self.job is None else self.job.record(), "faults": faults,
+            "job": self.progress(), "faults": faults,
         }  # fmt: skip
         if faults or not folder.photographs:
             return known

@@ -118,6 +118,8 @@ class Request(BaseHTTPRequestHandler):
             name, kind = PAGES[path]
             page = (files("hagoromo_page.lab") / "page" / name).read_bytes()
             return self._send(HTTPStatus.OK, page, kind, ("Content-Security-Policy", OWN))
+        if path == "/job":
+            return self._json(HTTPStatus.OK, laboratory.progress())
         if path == "/state":
             return self._json(HTTPStatus.OK, laboratory.state())
         folder, pictures = laboratory.folder(), laboratory.pictures

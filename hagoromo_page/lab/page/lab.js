@@ -63,6 +63,18 @@ async function refresh() {
   }
   draw();
 }
+// While a command runs only its progress is asked for; the files are looked at again when it, or one of its steps, ends.
+async function heard() {
+  const { step } = state.job;
+  try {
+    const { status, data } = await asked("/job");
+    if (status !== 200 || !data || data.step !== step || data.status !== null) return await refresh();
+    state.job = data;
+  } catch (error) {
+    return await refresh();
+  }
+  draw();
+}
 async function send(message) {
   try {
     const options = { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(message) };
@@ -90,7 +102,7 @@ function agreed(names) {
 const running = () => Boolean(state && state.job && state.job.status === null);
 let wasRunning = false;
 async function poll() {
-  if (!dragging) await refresh();
+  if (!dragging) await (running() ? heard() : refresh());
   if (wasRunning && !running()) finished();
   wasRunning = running();
   setTimeout(poll, running() ? POLL_MS : IDLE_MS);
