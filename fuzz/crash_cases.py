@@ -356,6 +356,7 @@ CASES = (
     Case("simulate", _scene, ("simulate", "scene.toml"), ("out",)),
     Case("measure", _capture, ("measure", "capture"), ("out",)),
     Case("measure unknown shape", _unknown_shape, ("measure", "capture"), ("out",), slow=3),
+    Case("health", _unknown_shape, ("health", "capture"), ("out.json",)),
     Case("build", _recipe, ("build", "solid.toml"), ("out.zarr",), resumes=True),
     Case("build a texel", _cloth, ("build", "cloth.toml"), ("out.zarr",), resumes=True, slow=5),
     Case("render", _box_scene, ("render", "scene.toml"), ("out.exr", "out.png")),

@@ -234,6 +234,8 @@ SIMPLE = (
     Reader("lamps-info.json", records.lamps, _info),
     Reader("lamps-of-balls.json", records.lamps_of_balls,
            _late("hagoromo.calibration.lamps.lamp_calibration", "LampCalibration.load")),
+    Reader("lab-kept.json", records.lab_kept, records.read_lab_kept),
+    Reader("lab-message.json", records.lab_message, records.read_lab_message),
     Reader("rig.json", records.rig, _late("hagoromo.photograph.rig", "Rig.load")),
     Reader("camera.json", records.camera, _late("hagoromo.camera.formats.camera_file", "read_camera")),
     Reader("camera-calibration.json", records.camera,

@@ -471,3 +471,40 @@ def batch(folder: Path) -> None:
         camera(folder / "captures" / f"{name}.json")
     (folder / "scene.toml").write_text(SCENE)
     (folder / "a.toml").write_text("a = 1\n")
+
+
+def lab_kept(path: Path) -> None:
+    """What the window of the laboratory keeps of a folder."""
+    made = {"capture": {"words": ["capture", "a.jpg", "--out", "lab/capture"], "read": "0" * 64}}
+    kept = {"order": ["b.jpg", "a.jpg"], "circles": [[10.0, 20.0, 5.5]], "options": {"publish.title": "Vase"}}
+    write_json(path, {**kept, "corners": [[1.0, 2.0], [9.0, 2.0], [9.0, 8.0], [1.0, 8.0]], "made": made})
+
+
+def read_lab_kept(path: Path) -> None:
+    """As the window reads it, in a folder of two photographs, and what it shows of it."""
+    from hagoromo_page.lab.folder import RECORD, Folder
+    from hagoromo_page.lab.steps import TABLE
+
+    with tempfile.TemporaryDirectory() as name:
+        home = Path(name)
+        (home / RECORD).parent.mkdir()
+        (home / RECORD).write_bytes(path.read_bytes())
+        for photograph in ("a.jpg", "b.jpg"):
+            (home / photograph).touch()
+        folder = Folder(home)
+        for step in TABLE:
+            step.shown(folder)
+            step.state(folder)
+
+
+def lab_message(path: Path) -> None:
+    """A message of its page."""
+    write_json(path, {"do": "stroke", "paints": "object", "radius": 3.5, "points": [[1.0, 2.0], [3.0, 4.5]]})
+
+
+def read_lab_message(path: Path) -> None:
+    """As the window takes it."""
+    from hagoromo.files.record import decode_one, read_json
+    from hagoromo_page.lab.messages import MESSAGES
+
+    decode_one(read_json(path), MESSAGES, str(path))

@@ -199,7 +199,7 @@ LOOKING = (
     Case("compare", _MADE["expose"].make, ("compare", "scene.exr", "scene.exr"), ("out",)),
 )
 SLOW = (
-    "calibrate camera", "calibrate response", "simulate", "measure", "measure unknown shape", "build", "build a texel",
-    "render", "relight", "recover", "change",
+    "calibrate camera", "calibrate response", "simulate", "health", "measure", "measure unknown shape", "build",
+    "build a texel", "render", "relight", "recover", "change",
 )  # fmt: skip
 VERBS = {case.name: Verb(case, function_of(case)) for case in (*CASES, *LOOKING) if case.name != "demo"}

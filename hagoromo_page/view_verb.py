@@ -1,13 +1,14 @@
-"""The command `hagoromo view`."""
+"""The commands that serve the browser: `hagoromo view` and `hagoromo lab`."""
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
 from tyro.conf import Positional, arg
 
-from hagoromo.app.verb import say, verb, verbs
+from hagoromo.app.verb import say, show_in_browser, verb, verbs
 
 LOOPBACK = "127.0.0.1"
 
@@ -37,3 +38,32 @@ def view(
         browser.run()
     finally:
         browser.stop()
+
+
+@verb(verbs)
+def lab(
+    folder: Positional[Path] = Path("."),
+    port: Annotated[int, arg(help="port to listen on; 0: a free one")] = 0,
+    no_browser: Annotated[bool, arg(help="only print the address, and open no browser")] = False,
+) -> None:
+    """Folder of photographs → a window in the browser: from the photographs to the published page, step by step.
+
+    Every step is a command that the window shows and runs. It goes on until Ctrl-C. The address that it prints holds a
+    token, without which nobody has access; it is for this machine alone.
+
+    Args:
+        folder: what the window shows, and nothing outside of it: the photographs, or a folder of such folders.
+    """
+    from hagoromo_page.lab.laboratory import Laboratory
+    from hagoromo_page.lab.server import LabServer
+
+    server = LabServer(Laboratory(folder), port)
+    try:
+        say(f"open {server.address}")
+        if sys.stdout is not None:  # it is not, where no console is
+            sys.stdout.flush()
+        if not no_browser:
+            show_in_browser(server.address)
+        server.serve_forever()
+    finally:
+        server.stop()

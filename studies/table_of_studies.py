@@ -170,6 +170,12 @@ STUDIES: dict[str, Study] = {
             for name in ("scene", "image", "photograph", "measurement")
         ),
     ),
+    "laboratory": Study(
+        "the picture of docs/howto/lab.md, of the window in Chromium",
+        "a minute",
+        (_module("laboratory", "--out", "out/laboratory", "--force"),),
+        (("out/laboratory/lab.jpg", "docs/figures/lab.jpg"),),
+    ),
     "turning": Study(
         "figure 8 as a film, and its first picture: docs/howto/film.md",
         "half an hour",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -16,6 +17,8 @@ QUIET_S = 30.0  # a command shorter than this writes no lines, so that bad input
 PAUSE_S = 10.0  # between two lines
 LEAST_SHARE = 0.02  # of the work, from which the time of the rest is estimated
 LINE_SHARE = 0.1  # of the work, after which a line is due
+LIVE = "HAGOROMO_LIVE"  # environment: a program reads the lines as they come, and wants each hundredth of the work
+LIVE_PAUSE_S = 0.2
 
 
 @contextmanager
@@ -29,7 +32,8 @@ def progress_bar(title: str, by_step: bool = False) -> Iterator[Progress]:
         yield _heeded
         return
     if not sys.stderr.isatty():
-        yield step_lines(title) if by_step or verbose() else progress_lines(title)
+        live = bool(os.environ.get(LIVE))
+        yield step_lines(title) if (by_step or verbose()) and not live else progress_lines(title, live=live)
         return
     from rich.console import Console
     from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -57,15 +61,19 @@ def _heeded(share: float, step: str = "") -> None:
     heed()
 
 
-def progress_lines(title: str, clock: Callable[[], float] = time.monotonic) -> Progress:
-    """Progress as plain lines on standard error: one per tenth of the work or new step, PAUSE_S apart or more."""
+def progress_lines(title: str, clock: Callable[[], float] = time.monotonic, live: bool = False) -> Progress:
+    """Progress as plain lines on standard error: one per tenth of the work or new step, PAUSE_S apart or more.
+
+    live: from the start, one per hundredth, LIVE_PAUSE_S apart or more.
+    """
+    quiet_s, pause_s, line_share = (0.0, LIVE_PAUSE_S, 0.01) if live else (QUIET_S, PAUSE_S, LINE_SHARE)
     start = clock()
-    last_s, last_share, last_step = start + QUIET_S - PAUSE_S, -1.0, ""
+    last_s, last_share, last_step = start + quiet_s - pause_s, -1.0, ""
 
     def shown(share: float, step: str = "") -> None:
         nonlocal last_s, last_share, last_step
         heed()
-        if clock() - last_s < PAUSE_S or (share - last_share < LINE_SHARE and step == last_step):
+        if clock() - last_s < pause_s or (share - last_share < line_share and step == last_step):
             return
         last_s, last_share, last_step = clock(), share, step
         parts = [f"{100.0 * share:.0f} %", escaped(step), time_left(share, last_s - start)]

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import functools
 import glob
+import os
+import sys
 from collections.abc import Callable
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -110,3 +112,11 @@ def say(*lines: str) -> None:
     """Print lines, in which names from files may stand, without the codes that a terminal obeys."""
     for line in lines:
         print(escaped(line))
+
+
+def show_in_browser(address: str) -> None:
+    """Open an address where there is a screen; elsewhere a browser that runs in the terminal might be begun."""
+    import webbrowser
+
+    if sys.platform in ("win32", "darwin") or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
+        webbrowser.open(address)

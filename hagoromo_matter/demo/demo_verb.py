@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from pathlib import Path
 from typing import Literal
@@ -10,7 +9,7 @@ from typing import Literal
 import hagoromo as hg
 from hagoromo.app.progress_bar import progress_bar
 from hagoromo.app.shared_options import HERE, Scheduler
-from hagoromo.app.verb import Force, Out, say, verb, verbs, wrote
+from hagoromo.app.verb import Force, Out, say, show_in_browser, verb, verbs, wrote
 from hagoromo.files.whole import replaceable_folder
 
 
@@ -37,16 +36,9 @@ def demo(
         say(f"the page is there and grows: {address}")
         if sys.stdout is not None:  # it is not, where no console is
             sys.stdout.flush()
-        if open_page and _has_screen():
-            import webbrowser
-
-            webbrowser.open(address)
+        if open_page:
+            show_in_browser(address)
 
     with progress_bar("demo", by_step=True) as progress:
         report = hg.demo(out, size=size, force=force, progress=progress, scheduler=scheduler.chosen, opened=opened)
     wrote(report)
-
-
-def _has_screen() -> bool:
-    """Whether a browser would show itself; elsewhere one that runs in the terminal might be begun."""
-    return sys.platform in ("win32", "darwin") or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))

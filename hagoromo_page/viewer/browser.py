@@ -48,8 +48,7 @@ class Browser:
         self.desk, self.server = desk, gated_server(host, port, gate)
         self.events: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self.watchers: dict[int, tuple[OwnPanel, Watcher | PictureWatcher]] = {}
-        shown = f"[{host}]" if ":" in host else host
-        self.address = f"http://{shown}:{self.server.get_port()}/?token={gate.token}"
+        self.address = gate.admission.address(host, self.server.get_port())
         self._place_cameras()
         self.server.gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False)
         self.server.gui.main_panel.dock_right()

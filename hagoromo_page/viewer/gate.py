@@ -8,28 +8,24 @@ The sockets of those who are let in are wrapped, too: see `Wire`.
 from __future__ import annotations
 
 import asyncio
-import hmac
 import http
 import io
 import logging
-import secrets
 import socket
 from collections import ChainMap
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager, redirect_stdout
-from http.cookies import CookieError, SimpleCookie
 from typing import Any
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import urlsplit
 
 from hagoromo.errors import InputError
 from hagoromo.files.names import reason
+from hagoromo_page.viewer.admission import PRIVATE, Admission
 from hagoromo_page.viewer.messages import LARGEST_FRAME, checked
 from hagoromo_page.viewer.wire import PRESENT, Wire
 
 LOG = logging.getLogger(f"hagoromo.{__name__}")
-TOKEN_BYTES = 24
 MOST_VIEWERS = 8
-PRIVATE = (("Cache-Control", "no-store"), ("Referrer-Policy", "no-referrer"), ("X-Content-Type-Options", "nosniff"))
 REFUSAL = "open the address that hagoromo view printed: it has a token\n"
 Answer = Callable[[Any, Any], Any]
 
@@ -41,7 +37,7 @@ class Gate:
     """
 
     def __init__(self, most: int = MOST_VIEWERS) -> None:
-        self.token, self.most, self.inside, self.stands = secrets.token_urlsafe(TOKEN_BYTES), most, 0, False
+        self.admission, self.most, self.inside, self.stands = Admission(), most, 0, False
         self.server: Any = None
         self._came = 0
 
@@ -58,12 +54,10 @@ class Gate:
         return answered
 
     def _answer(self, answer: Answer, connection: Any, request: Any) -> Any:
-        asked = urlsplit(request.path)
-        name = f"hagoromo-{connection.local_address[1]}"
-        if self._is_token(parse_qs(asked.query).get("token", [""])[0]):
-            cookie = f"{name}={self.token}; Path=/; HttpOnly; SameSite=Strict"
-            return _response(http.HTTPStatus.FOUND, "", ("Location", "/"), ("Set-Cookie", cookie))
-        if not self._is_token(_cookie(request.headers.get("Cookie", ""), name)):
+        port = connection.local_address[1]
+        if self.admission.by_token(request.path):
+            return _response(http.HTTPStatus.FOUND, "", ("Location", "/"), ("Set-Cookie", self.admission.cookie(port)))
+        if not self.admission.by_cookie(request.headers.get("Cookie", ""), port):
             return _response(http.HTTPStatus.FORBIDDEN, REFUSAL)
         if request.headers.get("Upgrade", "").lower() == "websocket":
             if urlsplit(request.headers.get("Origin", "")).netloc != request.headers.get("Host"):
@@ -97,9 +91,6 @@ class Gate:
         widgets = ChainMap(*(one.gui._gui_input_handle_from_uuid for one in scopes))
         return checked(frame, widgets, self.server.scene._handle_from_transform_controls_name)
 
-    def _is_token(self, text: str) -> bool:
-        return hmac.compare_digest(text.encode(), self.token.encode())
-
 
 def gated_server(host: str, port: int, gate: Gate) -> Any:
     """Viser's server behind a gate; `InputError` for an address that cannot be listened on, or a missing viser."""
@@ -108,7 +99,7 @@ def gated_server(host: str, port: int, gate: Gate) -> Any:
         from viser import _messages
     except ImportError:
         raise InputError("the viewer needs viser, which is not installed: pip install 'hagoromo[view]'") from None
-    _check_free(host, port)
+    check_free(host, port)
     with _through(gate), redirect_stdout(io.StringIO()):  # viser prints its address, without the token
         server = viser.ViserServer(host, port, label="Hagoromo", verbose=False)
     if not gate.stands:
@@ -185,7 +176,7 @@ def _log_fault(loop: Any, what: dict[str, Any]) -> None:
     LOG.error("a fault of the viewer, which goes on: %s", reason(what.get("exception") or what["message"]))
 
 
-def _check_free(host: str, port: int) -> None:
+def check_free(host: str, port: int) -> None:
     """`InputError` unless `port` of `host` can be listened on: viser would try others without end."""
     if not 0 <= port <= 65535:
         raise InputError(f"port is {port}: give 0 (a free one) to 65535")
@@ -195,15 +186,7 @@ def _check_free(host: str, port: int) -> None:
             trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             trial.bind(place)
     except (OSError, UnicodeError) as error:
-        raise InputError(f"cannot listen on {host}, port {port}: {error}: give another --host or --port") from None
-
-
-def _cookie(header: str, name: str) -> str:
-    try:
-        morsel = SimpleCookie(header).get(name)
-    except CookieError:
-        return ""
-    return "" if morsel is None else morsel.value
+        raise InputError(f"cannot listen on {host}, port {port}: {error}: give another port or address") from None
 
 
 def _response(status: http.HTTPStatus, text: str, *headers: tuple[str, str]) -> Any:

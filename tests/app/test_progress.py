@@ -2,7 +2,7 @@
 
 import pytest
 
-from hagoromo.app.progress_bar import PAUSE_S, QUIET_S, progress_lines, time_left
+from hagoromo.app.progress_bar import LIVE_PAUSE_S, PAUSE_S, QUIET_S, progress_lines, time_left
 from hagoromo.progress import part_of, silent
 
 
@@ -27,6 +27,18 @@ def test_a_part_of_a_part_runs_over_its_share_of_the_whole():
 
 def test_a_part_of_silence_is_silent():
     assert part_of(silent, 0.0, 0.5, "normals") is silent
+
+
+def test_a_program_that_reads_along_gets_a_line_for_each_hundredth_from_the_start(capsys):
+    clock = Clock()
+    progress = progress_lines("measure", clock, live=True)
+    for share in (0.0, 0.001, 0.02, 0.04):
+        progress(share, "normals")
+        clock.seconds += 1.25 * LIVE_PAUSE_S
+    progress(0.06, "normals")
+    progress(0.08, "normals")
+    lines = capsys.readouterr().err.splitlines()
+    assert [line.split(",")[0] for line in lines] == [f"measure: {k} %" for k in (0, 2, 4, 6)]
 
 
 def test_without_a_terminal_long_work_writes_a_line_per_tenth_or_step(capsys):

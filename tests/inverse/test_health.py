@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 
 import hagoromo as hg
+from hagoromo.app.cli import main
+from hagoromo.files.record import read_json
 from hagoromo.measurement.health.examine import examine
-from hagoromo.measurement.health.health import NAMES
+from hagoromo.measurement.health.health import NAMES, Health
+from hagoromo.photograph.capture import load_capture
 from tests.data import DATA, real_data
 from tests.inverse.simulated_vase import blurred, coded, exchanged, masked, moved, turned, twice, under, uneven, vase
 
@@ -43,6 +46,15 @@ def test_right_photographs_are_not_doubted(glossy):
     assert tuple(one.name for one in health.checks) == NAMES and health.doubtful == ()
     good = [one.name for one in health.checks if one.state == "good"]
     assert good == ["order", "lamps", "strengths", "transfer", "motion", "blur", "mask"]
+
+
+def test_the_command_writes_and_prints_the_checks_of_a_folder(glossy, tmp_path, capsys):
+    exchanged(glossy).save(tmp_path / "capture")
+    assert main(["health", str(tmp_path / "capture"), "--out", str(tmp_path / "health.json")]) == 0
+    found = examine(load_capture(tmp_path / "capture")).health
+    assert Health.from_record(read_json(tmp_path / "health.json"), "health.json") == found
+    assert [one.name for one in found.doubtful] == ["order"]
+    assert capsys.readouterr().out.splitlines()[:-1] == [one.sentence for one in found.checks]
 
 
 @pytest.mark.by_night(*(name for name in MISTAKES if name not in QUICK))
