@@ -35,7 +35,7 @@ class Pictures:
 
     def __init__(self) -> None:
         self._kept: OrderedDict[Hashable, Any] = OrderedDict()
-        self._lock = threading.Lock()
+        self._making = threading.RLock()  # a map is made of the measurement, which is kept, too
 
     def photograph(self, folder: Folder, name: str, size: str) -> bytes:
         """JPEG of a photograph, of a size of SIDES; `InputError` for another name or size, or a damaged file."""
@@ -77,16 +77,15 @@ class Pictures:
         return self._once(("plate", _stamp(folder.home / MEASURED)), lambda: _maps(folder.home / MEASURED))
 
     def _once(self, key: Hashable, make: Callable[[], Any]) -> Any:
-        with self._lock:
+        """What is kept under a key; made where nothing is. A browser asks for many at a time: memory is that of one."""
+        with self._making:
             if key in self._kept:
                 self._kept.move_to_end(key)
                 return self._kept[key]
-        made = make()
-        with self._lock:
-            self._kept[key] = made
+            made = self._kept[key] = make()
             while len(self._kept) > 1 and sum(map(_weight, self._kept.values())) > KEPT_BYTES:
                 self._kept.popitem(last=False)
-        return made
+            return made
 
 
 def _stamp(path: Path) -> Hashable:

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from glob import glob
 from types import SimpleNamespace
@@ -22,6 +23,7 @@ from hagoromo.errors import InputError
 from hagoromo.files.png import read_png, write_png
 from hagoromo.photograph.lamp_files import read_lp
 from hagoromo_page.lab import job as jobs
+from hagoromo_page.lab import pictures
 from hagoromo_page.lab.folder import MASK, Folder
 from hagoromo_page.lab.laboratory import Exists, Laboratory
 from hagoromo_page.lab.messages import LARGEST_BODY
@@ -386,3 +388,23 @@ def test_the_photographs_are_those_of_the_format_that_most_have_in_the_order_peo
     for name in ("1.NEF", "2.NEF", "10.NEF"):
         (tmp_path / name).touch()
     assert Folder(tmp_path).photographs == ("1.NEF", "2.NEF", "10.NEF")
+
+
+def test_pictures_are_made_one_at_a_time_and_each_once(laboratory, monkeypatch):
+    """A browser asks for six thumbnails at once; six photographs of 24 megapixels would take more than a gigabyte."""
+    making, most, made = [], [], []
+
+    def small(path):
+        making.append(path)
+        most.append(len(making))
+        time.sleep(0.01)
+        made.append(making.pop())
+        return (4, 4), {"small": path.name.encode(), "large": b""}
+
+    monkeypatch.setattr(pictures, "_small", small)
+    kept, folder = pictures.Pictures(), laboratory.folder
+    names = 4 * list(folder.photographs)
+    with ThreadPoolExecutor(6) as pool:
+        got = list(pool.map(lambda name: kept.photograph(folder, name, "small"), names))
+    assert got == [name.encode() for name in names]
+    assert max(most) == 1 and len(made) == COUNT
