@@ -80,7 +80,6 @@ def waxed(small_tiles, tmp_path, monkeypatch):
     monkeypatch.setitem(GLOSSY, "waxed", glossy_objects.Gloss(0.05, (0.5, 10.0), (10.0, 2.5)))
     monkeypatch.setattr(store_module, "COARSE_PIXELS", 1024)
     monkeypatch.setattr(lobe_fit, "LOBE_PIXELS", 1500)
-    monkeypatch.setattr(tiles, "LOBE_PIXELS", 1500)
     capture, normals = glossy_object("waxed", 7, size=96)
     with tile_store(Held(capture), tmp_path) as store:
         assert store.factor == 3 and store.count > 1
@@ -103,7 +102,7 @@ def test_pixels_of_full_size_are_chosen_by_their_nearest_highlight(waxed):
         raw = photograph.values[views.rows, views.columns].T / views.light[k]
         np.testing.assert_allclose(views.values[k], np.where(found.trust.trusted[k], raw, views.values[k]), rtol=1e-3)
         assert found.trust.lower[k].any() == (~photograph.mask & (normals[..., 2] != 0.0)).any()
-    assert len(views.rows) <= 1.1 * tiles.LOBE_PIXELS
+    assert len(views.rows) <= 1.1 * lobe_fit.LOBE_PIXELS
     every = hg.views_from_capture(capture)
     near = [
         np.mean(angles(normals[one.rows, one.columns], one).min(axis=0) < np.radians(4.0)) for one in (views, every)

@@ -22,7 +22,7 @@ from hagoromo.errors import InputError
 from hagoromo.files.array_tree import read_tree, write_tree
 from hagoromo.measurement.normals.gloss_choice import BY_EVIDENCE, GlossModel
 from hagoromo.measurement.normals.highlight_check import angles
-from hagoromo.measurement.normals.lobe_fit import LOBE_PIXELS, FoundLobes, find_lobes, fit_with, with_bodies
+from hagoromo.measurement.normals.lobe_fit import FoundLobes, find_lobes, fit_with, most_pixels, with_bodies
 from hagoromo.measurement.normals.lobe_samples import CLIPPED, Trust, trust_of
 from hagoromo.measurement.normals.normals import (
     NormalMap,
@@ -276,12 +276,12 @@ def _with_lobes(store: TileStore, coarse: Coarse, seed: int = 0) -> Coarse:
 
 
 def _sampled(store: TileStore, coarse: Coarse, random: np.random.Generator) -> _Pixels | None:
-    """LOBE_PIXELS of each material, or fewer, of full size: as many in each of the strata of the half angle."""
+    """Pixels of full size, `most_pixels` of each material or fewer: as many in each of the strata of the half angle."""
     fit = coarse.normal_map.fit
     nearest = np.degrees(angles(fit.normals, coarse.normal_map.views).min(axis=0))
     stratum = len(STRATA) * fit.labels + np.digitize(nearest, STRATA) - 1
     numbers = np.bincount(stratum, minlength=len(STRATA) * len(fit.gloss.rows)) * float(store.factor) ** 2
-    chance = np.minimum(LOBE_PIXELS / len(STRATA) / np.maximum(numbers, 1.0), 1.0)[stratum]
+    chance = np.minimum(most_pixels(len(store.lamps)) / len(STRATA) / np.maximum(numbers, 1.0), 1.0)[stratum]
     stacks, places = [], []
     for tile in range(store.count):
         stack, *pixels = store.stack(tile)
