@@ -37,9 +37,26 @@ def shifted_lamps(views: Views, shift: Array) -> tuple[Lamp, ...]:
 
 def shifted(views: Views, shift: Array, depth: float) -> Shifted:
     """The lamps of `views` shifted (K, 3), its points exp(depth) times as far, with slopes."""
+    if all(lamp.position is None for lamp in views.lamps):
+        return _far(views, shift)
     places = views.points, views.farther(np.exp(depth)), views.farther(np.exp(depth + STRIDE))
     parts = [_one(lamp, by, places) for lamp, by in zip(views.lamps, shift, strict=True)]
     return Shifted(*(np.stack(part) for part in zip(*parts, strict=True)))
+
+
+def _far(views: Views, shift: Array) -> Shifted:
+    """Far lamps: one direction for all points, whose light does not depend on it; read-only where points are alike."""
+    stated = np.stack([np.asarray(lamp.to_lamp, np.float64) for lamp in views.lamps]) + shift
+    length = np.linalg.norm(stated, axis=1)
+    to_lamp, (lamps, points) = stated / length[:, None], (len(stated), len(views.points))
+    turns = np.zeros((lamps, 1, 2, 4))
+    turns[:, 0, :, :3] = np.stack(tangents(to_lamp), axis=1) / length[:, None, None]
+    return Shifted(
+        np.broadcast_to(to_lamp[:, None], (lamps, points, 3)),
+        np.zeros((lamps, points)),
+        np.broadcast_to(turns, (lamps, points, 2, 4)),
+        np.broadcast_to(0.0, (lamps, points, 4)),
+    )
 
 
 def _one(lamp: Lamp, shift: Array, places: tuple[Array, Array, Array]) -> tuple[Array, Array, Array, Array]:

@@ -27,16 +27,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hagoromo.backend import Float
 from hagoromo.measurement.gloss.gloss_spread import DECISIVE_LOG_ODDS
-from hagoromo.measurement.normals.lobe_samples import Samples, Trust, samples_of, trust_of
+from hagoromo.measurement.normals.lobe_samples import Samples, Trust, inner_products, samples_of, total_of, trust_of
 from hagoromo.measurement.normals.lobe_shape import (
     LobeShapes,
     cost_of,
     fewest,
     interface_of,
-    model_of,
     refined,
     tiles_of,
+    weighed_residuals,
     widened,
     with_covariance,
     with_errors_of_normals,
@@ -50,6 +51,7 @@ from hagoromo.reflectance.reflectance import MOST_LOBES
 WIDTHS = np.radians(np.geomspace(0.5, 45.0, 16))  # [rad] of the candidates
 DISTINCT = 1.25  # ratio of a candidate's width to γ of the first lobe, at least
 LOBE_PIXELS = 6000  # pixels of a material, at most, from which its lobes are estimated
+LOBE_VALUES, FEWEST_OF_LOBES = 190_000, 1000  # lamps × pixels of them, at most, and pixels that are taken in any case
 FEWEST_PIXELS = 200
 FOLDS = 3  # parts of the lamps, each left out once
 LEAST_GAIN = 0.05  # of the squared error of lamps left out: with less the lobes are not kept
@@ -93,11 +95,16 @@ def find_lobes(views: Views, fit: Fit, place: Array, trust: Trust, seed: int = 0
         if len(own) < FEWEST_PIXELS or len(views.values) < 2 * FOLDS or not np.exp(fit.gloss.rows[number, 0]) > 0.0:
             each.append(None)
             continue
-        some = np.sort(random.choice(own, min(len(own), LOBE_PIXELS), replace=False))
+        some = np.sort(random.choice(own, min(len(own), most_pixels(len(views.values))), replace=False))
         samples = samples_of(views.pixels(some), fit.pixels(some), place[some], trust.pixels(some))
         found = lobes_of(samples, fit.gloss.rows[number], fit.variance[some], place[some], random)
         each.append(None if found is None else found.widened(fit, own))
     return each
+
+
+def most_pixels(lamps: int) -> int:
+    """The most pixels of a material from which lobes are estimated: of many lamps, many say the same."""
+    return min(LOBE_PIXELS, max(LOBE_VALUES // lamps, FEWEST_OF_LOBES))
 
 
 def with_bodies(views: Views, fit: Fit, place: Array, trust: Trust, each: Sequence[FoundLobes | None]) -> Fit:
@@ -109,7 +116,7 @@ def with_bodies(views: Views, fit: Fit, place: Array, trust: Trust, each: Sequen
             for part in np.array_split(own, -(-len(own) // LOBE_PIXELS)):  # bounded memory
                 here = samples_of(views.pixels(part), fit.pixels(part), place[part], trust.pixels(part))
                 here = with_errors_of_normals(here, one.shapes, fit.variance[part])
-                body[:, part] = here.bodies(interface_of(here, one.shapes))
+                body[:, part] = here.numbers(here.bodies(interface_of(here, one.shapes)))
     return replace(fit, body=body)
 
 
@@ -138,7 +145,7 @@ def lobes_of(
     shapes, samples = held(samples, shapes, variance, place)
     if shapes.tail == 0.0:
         shapes = replace(shapes, each=shapes.each[np.argsort(-shapes.each[:, 1])])
-    return FoundLobes(with_covariance(samples, shapes, place), bool(np.ptp(samples.colour) > 0.0), gain)
+    return FoundLobes(with_covariance(samples, shapes, place), samples.coloured, gain)
 
 
 def fit_with(fit: Fit, each: Sequence[FoundLobes | None]) -> Fit:
@@ -177,7 +184,7 @@ def fit_with(fit: Fit, each: Sequence[FoundLobes | None]) -> Fit:
 
 def _cross_validated(samples: Samples, widths: Array, random: np.random.Generator) -> float:
     """Median, over parts of the lamps that are left out, of the `_gain` of lobes of some of the `widths`."""
-    lamps, gains = random.permutation(len(samples.values)), []
+    lamps, gains = random.permutation(samples.shape[0]), []
     for fold in range(FOLDS):
         left_out = np.zeros(len(lamps), bool)
         left_out[lamps[fold::FOLDS]] = True
@@ -190,7 +197,7 @@ def _gain(rest: Samples, test: Samples, weights: Array, widths: Array) -> float:
     """Share of the squared error of `test` by which these lobes beat the first alone; bodies are those of `rest`."""
     alone, none = np.array([1.0]), np.zeros(0)
     one, several = (
-        test.squared_error(test.model(test.interface(*lobes), rest.bodies(rest.interface(*lobes))))
+        test.squared_error(test.interface(*lobes), rest.bodies(rest.interface(*lobes)))
         for lobes in ((alone, none), (weights, widths))
     )
     return 1.0 - several / max(one, 1e-300)
@@ -202,29 +209,19 @@ def _lobes(samples: Samples, widths: Array, passes: int = PASSES, start: Array |
     columns = [samples.first, *(samples.column(float(width)) for width in widths)]
     for turn in range(passes):
         interface = samples.interface(weights, widths)
-        model = samples.model(interface, samples.bodies(interface)) if turn or start is not None else None
-        weight = samples.weights(model)
-        weights = _non_negative(samples, columns, weight)
+        known = turn or start is not None
+        root, _ = samples.weighed(interface if known else None, samples.bodies(interface) if known else None)
+        weights = _non_negative(samples, columns, root)
     return weights, widths
 
 
-def _non_negative(samples: Samples, columns: list[Array], weight: Array) -> Array:
-    """Weights of `columns` (K, P), 0 or more, with the body colours of all pixels eliminated."""
+def _non_negative(samples: Samples, columns: list[Float], root: Float) -> Array:
+    """Weights of `columns` (K, P), 0 or more, with the body colours of all pixels eliminated, at weights root²."""
     from scipy.optimize import nnls
 
-    count = len(columns)
-    matrix, rhs = np.zeros((count, count)), np.zeros(count)
-    for c in range(samples.values.shape[1]):
-        own, colour = weight[:, c], samples.colour[c]
-        power = np.maximum(np.sum(own * samples.body**2, axis=0), 1e-30)
-
-        def rest(of: Array, own: Array = own, power: Array = power) -> Array:
-            return of - samples.body * (np.sum(own * samples.body * of, axis=0) / power)
-
-        parts = np.stack([rest(colour * column) for column in columns]).reshape(count, -1)
-        weighed = parts * own.ravel()
-        matrix += weighed @ parts.T
-        rhs += weighed @ rest(samples.values[:, c]).ravel()
+    parts = [samples.numbers(samples.beside_bodies(one, samples.colour, root)) for one in columns]
+    products, count = inner_products([*parts, samples.numbers(root * samples.values)]), len(columns)
+    matrix, rhs = products[:-1, :-1], products[:-1, -1]
     scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     root = np.linalg.cholesky(matrix * scale[:, None] * scale + RIDGE * np.eye(count))
     found, _ = nnls(root.T, np.linalg.solve(root, rhs * scale))
@@ -233,8 +230,8 @@ def _non_negative(samples: Samples, columns: list[Array], weight: Array) -> Arra
 
 def _fewest(samples: Samples, weights: Array, widths: Array) -> tuple[Array, Array]:
     """The MOST_LOBES lobes with most light, estimated anew without the others; the first lobe is always kept."""
-    light = [float(np.sum(weight * samples.column(float(w)))) for weight, w in zip(weights[1:], widths, strict=True)]
-    total = sum(light) + float(np.sum(weights[0] * samples.first))
+    light = [weight * total_of(samples.column(float(w))) for weight, w in zip(weights[1:], widths, strict=True)]
+    total = sum(light) + weights[0] * total_of(samples.first)
     order = sorted(range(len(widths)), key=lambda i: -light[i])[:MOST_LOBES]
     kept = np.array(sorted(i for i in order if light[i] > LEAST_SHARE * total), np.intp)
     weights, widths = _lobes(samples, widths[kept])
@@ -270,11 +267,9 @@ def held(samples: Samples, found: LobeShapes, variance: Array, place: Array) -> 
 def log_odds(several: Side, fewer: Side, place: Array) -> float:
     """ln of the odds of several lobes against one less."""
     samples, tile = several.samples, tiles_of(place)
-    model = model_of(samples, several.shapes)
-    weight = samples.weights(model)
-    left = np.sqrt(weight) * (samples.values - model)
+    root, left = weighed_residuals(samples, several.shapes)
     parts = np.sum([np.bincount(tile, lamp.sum(axis=0)) ** 2 for lamp in left])
-    counted = max(int(np.count_nonzero(weight)), 1)
+    counted = max(int(np.count_nonzero(root)), 1)
     alike = max(float(parts) / counted, 1.0)
     return 0.5 * (fewer.deviance - several.deviance) / alike - 0.5 * NUMBERS * float(np.log(max(counted / alike, 1.0)))
 
@@ -284,6 +279,4 @@ def _side(samples: Samples, start: LobeShapes, variance: Array) -> Side:
     samples = with_errors_of_normals(samples, start, variance)
     shapes = refined(samples, start)
     samples = with_errors_of_normals(samples, shapes, variance)
-    known = samples.trusted[:, None] & np.isfinite(samples.noise)
-    spread = 1.0 / np.maximum(samples.weights(None), 1e-300)
-    return Side(shapes, samples, cost_of(samples, shapes) + float(np.sum(np.log(spread), where=known)))
+    return Side(shapes, samples, cost_of(samples, shapes) + samples.log_spread())

@@ -11,11 +11,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
+import drjit as dr
 import numpy as np
 from numpy.typing import NDArray
 
+from hagoromo.backend import Float, arrays, column, evaluate
 from hagoromo.measurement.facets import TAIL_RANGE, facet_density
-from hagoromo.measurement.normals.lobe_samples import Samples
+from hagoromo.measurement.normals.lobe_samples import Samples, inner_products
 from hagoromo.measurement.normals.views import Array
 from hagoromo.measurement.parameters import GAMMA_RANGE
 from hagoromo.reflectance.facets import LN2
@@ -62,8 +64,8 @@ def fewest(samples: Samples, start: LobeShapes, least_gain: float) -> tuple[Lobe
     if found.tail > 0.0:
         plain = refined(samples, replace(found, tail=0.0))
         found, error = _simpler(found, error, plain, _error(samples, plain), least_gain)
-    if np.ptp(samples.colour) > 0.0:
-        neutral = replace(samples, colour=np.ones_like(samples.colour))
+    if samples.coloured:
+        neutral = samples.neutral()
         plain = refined(neutral, found)
         if _error(neutral, plain) * (1.0 - least_gain) < error:
             samples, found, error = neutral, plain, _error(neutral, plain)
@@ -89,8 +91,8 @@ def refined(samples: Samples, start: LobeShapes) -> LobeShapes:
     for _ in range(STEPS):
         equations = _equations(samples, found)
         curvature = equations.curvature + damping * np.diag(np.diag(equations.curvature))
-        score = equations.score.sum(axis=(1, 2)) - equations.pull
-        step = np.clip(np.linalg.solve(curvature, score), -LONGEST_STEP, LONGEST_STEP)
+        step = np.asarray(np.linalg.solve(curvature, equations.score - equations.pull), np.float64)
+        step = np.clip(step, -LONGEST_STEP, LONGEST_STEP)
         moved = _moved(found, step)
         after = cost_of(samples, moved)
         if not after < cost:
@@ -116,8 +118,9 @@ def with_covariance(samples: Samples, found: LobeShapes, place: Array) -> LobeSh
     """`found` with its covariance; place: (P, 2) of the samples, in radii of the object."""
     equations = _equations(samples, found)
     tile = tiles_of(place)
-    parts = np.stack([np.bincount(tile, one) for one in equations.score.sum(axis=1)])
-    lamps = equations.score.sum(axis=2)
+    scores = [(one * equations.left).sum(axis=1, dtype=np.float64) for one in equations.columns]  # (K, P) each
+    parts = np.stack([np.bincount(tile, one.sum(axis=0)) for one in scores])
+    lamps = np.stack([one.sum(axis=1) for one in scores])
     inverse = np.linalg.inv(equations.curvature)
     covariance = inverse @ (parts @ parts.T + lamps @ lamps.T) @ inverse
     without_effect = np.flatnonzero(equations.unused[:-3])
@@ -134,12 +137,12 @@ def tiles_of(place: Array) -> NDArray[np.intp]:
 
 def with_errors_of_normals(samples: Samples, found: LobeShapes, variance: Array) -> Samples:
     """The samples with the noise that normals of this variance (P,) [rad²] make on the flanks of the lobes."""
-    angle, slope = np.sqrt(samples.angle2), np.zeros_like(samples.flat)
+    slope = 0.0 * samples.flat
     for log_beta, log_gamma in found.each:
-        density = facet_density(samples.angle2, log_gamma, np.zeros(1), with_tail=False).value
-        slope += np.exp(log_beta - 2.0 * log_gamma) * samples.flat * density * 2.0 * LN2 * angle
-    towards = np.where(np.isfinite(variance), variance, 0.0) / 2.0  # that of the turn towards the lamp
-    return replace(samples, noise=samples.sensor + samples.colour**2 * (slope**2 * towards)[:, None])
+        peak = dr.opaque(arrays().Float, 2.0 * LN2 * float(np.exp(log_beta - 2.0 * log_gamma)))
+        slope = slope + peak * samples.flat * samples.density(float(log_gamma)) * dr.sqrt(samples.angle2)
+    evaluate(slope)
+    return samples.flank_noise(slope, np.where(np.isfinite(variance), variance, 0.0) / 2.0)  # of the turn to the lamp
 
 
 def widened(found: LobeShapes, normal_error: float, model_error: float) -> LobeShapes:
@@ -157,70 +160,82 @@ def widened(found: LobeShapes, normal_error: float, model_error: float) -> LobeS
     return replace(found, covariance=covariance)
 
 
-def interface_of(samples: Samples, found: LobeShapes) -> Array:
+def interface_of(samples: Samples, found: LobeShapes) -> Float:
     """(K, P) all lobes together."""
     return _interface(samples, found)[0]
 
 
 @dataclass(frozen=True, eq=False)
 class _Equations:
-    """curvature (G, G) and score (G, K, P) of the numbers of the lobes, the tail and the law, bodies eliminated; pull
-    (G,) of the prior; unused (G,) whether a number has no effect on any value that counts.
+    """curvature (G, G) and score (G,) of the numbers of the lobes, the tail and the law, bodies eliminated; columns (G,
+    K, C, P) and left (K, C, P), times the root of the weight, of which these are the products; pull (G,) of the prior;
+    unused (G,) whether a number has no effect on any value that counts.
     """
 
     curvature: Array
     score: Array
+    columns: list[NDArray[np.float32]]
+    left: NDArray[np.float32]
     pull: Array
     unused: NDArray[np.bool_]
 
 
-def _interface(samples: Samples, found: LobeShapes) -> tuple[Array, list[Array]]:
+def _interface(samples: Samples, found: LobeShapes) -> tuple[Float, list[Float]]:
     """(K, P) all lobes together, and its slopes by ln β and ln γ of each, and by the tail."""
-    total, slopes, by_tail = np.zeros_like(samples.flat), [], np.zeros_like(samples.flat)
+    total, slopes, by_tail = 0.0 * samples.flat, [], 0.0 * samples.flat
     for number, (log_beta, log_gamma) in enumerate(found.each):
-        tailed = number == 0 and found.tail > 0.0
-        density = facet_density(samples.angle2, log_gamma, np.array(found.tail if tailed else 0.0), with_tail=tailed)
-        light = np.exp(log_beta) * samples.flat
-        slopes += [light * density.value, light * density.by_log_gamma]
+        light = dr.opaque(arrays().Float, float(np.exp(log_beta))) * samples.flat
+        if number == 0 and found.tail > 0.0:
+            angle2 = samples.numbers(samples.angle2).astype(np.float64)
+            density = facet_density(angle2, log_gamma, np.array(found.tail))
+            value, by_width, tail = (column(arrays().Float, one.astype(np.float32)) for one in density)
+            by_tail = light * tail
+        else:
+            value = samples.density(float(log_gamma))
+            by_width = 2.0 * LN2 * dr.opaque(arrays().Float, float(np.exp(-2.0 * log_gamma))) * samples.angle2 * value
+        slopes += [light * value, light * by_width]
+        evaluate(slopes[-2:])
         total = total + slopes[-2]
-        if tailed:
-            by_tail = light * density.by_tail
+    evaluate(total, by_tail)
     return total, [*slopes, by_tail]
 
 
 def _equations(samples: Samples, found: LobeShapes) -> _Equations:
     samples, (interface, slopes) = samples.under_law(found.law), _interface(samples, found)
     body = samples.bodies(interface)
-    model = samples.model(interface, body)
-    weight, left = samples.weights(model), samples.values - model
-    count = len(slopes) + 2
-    curvature, score = np.zeros((count, count)), np.zeros((count, *interface.shape))
-    for c in range(left.shape[1]):
-        own = weight[:, c]
-        power = np.maximum(np.sum(own * samples.body**2, axis=0), 1e-30)
-        alone = [samples.colour[c] * slope for slope in slopes]
-        alone += [body[c] * samples.by_law[:, i] for i in range(2)]
-        alone = [one - samples.body * (np.sum(own * samples.body * one, axis=0) / power) for one in alone]
-        flat = np.stack(alone).reshape(count, -1)
-        curvature += (flat * own.ravel()) @ flat.T
-        score += np.stack([own * left[:, c] * one for one in alone])
+    root, left = samples.weighed(interface, body)
+    pairs = [*((slope, samples.colour) for slope in slopes), *((by_law, body) for by_law in samples.by_law)]
+    columns = [samples.numbers(samples.beside_bodies(*pair, root)) for pair in pairs]
+    rest, count = samples.numbers(root * left), len(columns)
+    products = inner_products([*columns, rest])
+    curvature, score = products[:-1, :-1], products[:-1, -1]
     prior = np.r_[np.zeros(count - 2), np.full(2, LAW_SPREAD**-2)]
     unused = np.diag(curvature) <= 0.0
     tiny = RIDGE * np.diag(curvature) + unused
-    return _Equations(curvature + np.diag(tiny + prior), score, prior * np.r_[np.zeros(count - 2), found.law], unused)
+    pull = prior * np.r_[np.zeros(count - 2), found.law]
+    return _Equations(curvature + np.diag(tiny + prior), score, columns, rest, pull, unused)
 
 
 def cost_of(samples: Samples, found: LobeShapes) -> float:
     """Twice the loss: light in excess counts by its square, missing light by Cauchy's loss; and the prior."""
-    return samples.loss(model_of(samples, found)) + float(np.sum((found.law / LAW_SPREAD) ** 2))
+    samples, *model = _model(samples, found)
+    return samples.loss(*model) + float(np.sum((found.law / LAW_SPREAD) ** 2))
 
 
 def _error(samples: Samples, found: LobeShapes) -> float:
-    return samples.squared_error(model_of(samples, found))
+    samples, *model = _model(samples, found)
+    return samples.squared_error(*model)
 
 
-def model_of(samples: Samples, found: LobeShapes) -> Array:
-    """(K, C, P) values of the lobes and of the bodies that go with them."""
+def weighed_residuals(samples: Samples, found: LobeShapes) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """(K, C, P) root of the weight, and it times what the lobes, and the bodies that go with them, leave."""
+    samples, *model = _model(samples, found)
+    root, left = samples.weighed(*model)
+    return samples.numbers(root), samples.numbers(root * left)
+
+
+def _model(samples: Samples, found: LobeShapes) -> tuple[Samples, Float, Float]:
+    """The samples under the law of the bodies, the interface (K, P), and the bodies (C, P) that go with it."""
     samples = samples.under_law(found.law)
     interface = interface_of(samples, found)
-    return samples.model(interface, samples.bodies(interface))
+    return samples, interface, samples.bodies(interface)

@@ -35,7 +35,8 @@ from hagoromo.progress import Progress, part_of, silent
 START_GLOSS = (np.log(1.0), np.log(0.3), 0.0, 0.0)  # ln β, ln γ [rad], σ, ln(1 + ε) at the start
 START_ERROR = 0.02  # relative error of Lambert's law in the weights of the start
 LAMBERT_REWEIGHTINGS = 10
-SUBSET = 2000  # pixels from which gloss and lamps are estimated
+SUBSET = 2000  # pixels, at most, from which gloss and lamps are estimated
+SUBSET_VALUES, FEWEST_OF_SUBSET = 80_000, 600  # lamps × pixels of it, at most, and pixels that it has in any case
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -277,9 +278,10 @@ def photometric_fit(
 
 
 def fit_together(views: Views, start: Fit, prior: Prior, model: GlossModel = BY_EVIDENCE, seed: int = 0) -> Fit:
-    """Gloss, lamps and model error from SUBSET pixels of `views`; normals and body of all pixels are not changed."""
+    """Gloss, lamps and model error from some pixels of `views`; normals and body of all pixels are not changed."""
     count = len(views.rows)
-    chosen = np.sort(np.random.default_rng(seed).choice(count, min(SUBSET, count), replace=False))
+    size = min(SUBSET, max(SUBSET_VALUES // len(views.values), FEWEST_OF_SUBSET), count)
+    chosen = np.sort(np.random.default_rng(seed).choice(count, size, replace=False))
     share = independent_share(views, start) * count / len(chosen)
     every = np.ones(start.gloss.rows.shape, bool)  # numbers of gloss; which of them are free is chosen next
     problem = PixelProblem(views.pixels(chosen), views.place[chosen], share, prior, every)

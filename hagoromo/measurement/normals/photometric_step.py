@@ -11,6 +11,7 @@ import copy
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,6 +47,20 @@ class PixelProblem:
     share: float
     prior: Prior
     free: NDArray[np.bool_]
+
+
+class _Local(NamedTuple):
+    """The equations of each pixel: root (P, 2 + C, 2 + C), the inverse of Cholesky's factor of their curvature; and
+    border (P, 2 + C, · + 1), products of its slopes with those of what pixels share and, last, with the deviations.
+    """
+
+    root: Array
+    border: Array
+
+    def after(self, change: Array) -> Array:
+        """(P, 2 + C) change of the turns and body colours that goes with the `change` of what pixels share."""
+        left = self.border[..., -1:] - self.border[..., :-1] @ change[:, None]
+        return np.asarray((np.swapaxes(self.root, 1, 2) @ (self.root @ left))[..., 0], np.float64)
 
 
 class PixelStep:
@@ -95,10 +110,10 @@ class PixelStep:
     def moved(self, damping: float) -> Fit:
         """One damped step of everything."""
         fit = self.fit
-        outer, rhs, solved = self._reduced(damping)
+        outer, rhs, local = self._reduced(damping)
         change = np.linalg.solve(outer + damping * np.diag(np.diag(outer)), rhs)
         change = np.clip(change, -LONGEST_STEP, LONGEST_STEP)
-        local_change = solved[..., -1] - solved[..., :-1] @ change
+        local_change = local.after(np.asarray(change, np.float64))
         normals = turned(fit.normals, np.clip(local_change[:, :2], -0.3, 0.3), self.problem.views.to_eye)
         body = np.maximum(fit.body + local_change[:, 2:].T, 0.1 * fit.body)
         gloss_change, lamps_change, depth_change = unpack_shared(change, fit.gloss.rows.shape)
@@ -134,9 +149,9 @@ class PixelStep:
 
         pull: slope of a further prior, of what they share.
         """
-        outer, rhs, solved = self._reduced(1e-6)
+        outer, rhs, local = self._reduced(1e-6)
         change = np.linalg.solve(outer, rhs + pull).astype(np.float64)
-        return solved[..., -1] - solved[..., :-1] @ change, change
+        return local.after(change), change
 
     def lamps_left_out(self, ridge: float) -> tuple[Array, Array, Array]:
         """Curvature of each pixel (P, 2 + C, 2 + C); change (P, K, 2 + C) of its turns and body colours when each lamp
@@ -218,19 +233,20 @@ class PixelStep:
         outer, rhs, _ = self._reduced(1e-6)
         return outer, rhs
 
-    def _reduced(self, damping: float) -> tuple[Array, Array, Array]:
-        """Normal equations of gloss, lamps, depth with the pixels eliminated; the pixels' part (P, 2 + C, · + 1)."""
+    def _reduced(self, damping: float) -> tuple[Array, Array, _Local]:
+        """Normal equations of gloss, lamps, depth with the pixels eliminated; and the pixels' own part."""
         channels = self.model.shape[1]
         local, gloss, lamps, depth = self._slopes
         weighed = np.ascontiguousarray(np.swapaxes(local * self.weight_of_rows[..., None], 1, 2))  # (P, 2 + C, K·C)
         inner = weighed @ local
         inner += damping * inner * np.eye(2 + channels) + 1e-9 * np.eye(2 + channels)
         pixel_rhs = weighed @ _rows(self.deviation)[..., None]
-        border = np.concatenate([self._border(weighed, gloss, lamps), weighed @ depth], axis=2)
+        border = np.concatenate([self._border(weighed, gloss, lamps), weighed @ depth, pixel_rhs], axis=2)
         outer, rhs = self._outer(gloss, lamps, depth)
-        solved = np.linalg.solve(inner, np.concatenate([border, pixel_rhs], axis=2))
-        across = border.reshape(-1, len(rhs)).T @ solved.reshape(-1, len(rhs) + 1)
-        return outer - across[:, :-1], rhs - across[:, -1], solved.astype(np.float64)
+        root = np.asarray(np.linalg.inv(np.linalg.cholesky(inner)), np.float64)  # (P, 2 + C, 2 + C), lower
+        half = (root @ border).reshape(-1, len(rhs) + 1)
+        across = half.T @ half  # a product with itself: half of the work of any other
+        return outer - across[:-1, :-1], rhs - across[:-1, -1], _Local(root, border)
 
     @cached_property
     def _slopes(self) -> tuple[Array, Array, Array, Array]:

@@ -22,7 +22,7 @@ from hagoromo.errors import InputError
 from hagoromo.files.array_tree import read_tree, write_tree
 from hagoromo.measurement.normals.gloss_choice import BY_EVIDENCE, GlossModel
 from hagoromo.measurement.normals.highlight_check import angles
-from hagoromo.measurement.normals.lobe_fit import LOBE_PIXELS, FoundLobes, find_lobes, fit_with, with_bodies
+from hagoromo.measurement.normals.lobe_fit import FoundLobes, find_lobes, fit_with, most_pixels, with_bodies
 from hagoromo.measurement.normals.lobe_samples import CLIPPED, Trust, trust_of
 from hagoromo.measurement.normals.normals import (
     NormalMap,
@@ -31,6 +31,7 @@ from hagoromo.measurement.normals.normals import (
     with_shared_errors,
 )
 from hagoromo.measurement.normals.photometric_model import Fit, Prior, evenness, precision
+from hagoromo.measurement.normals.pixel_errors import UNKNOWN_DIRECTION, footprint
 from hagoromo.measurement.normals.pixel_fit import STILL_MOVING_SHARE, PixelConditions, fit_pixels
 from hagoromo.measurement.normals.shading import Gloss
 from hagoromo.measurement.normals.views import Array, Stack, Views, views_from_stack
@@ -41,6 +42,7 @@ from hagoromo.photograph.capture import Capture
 from hagoromo.progress import Progress, silent
 
 STRATA = (0.0, 2.0, 4.0, 8.0, 16.0)  # [°] least angles of the strata between normal and half vector of the nearest lamp
+STRIP = 256  # rows of a picture whose footprints are computed at once
 MARGIN = 2  # coarse pixels around a tile that its integration includes, so that neighbouring tiles join
 
 
@@ -49,7 +51,9 @@ class Coarse:
     """The coarse capture, its normals and their fit, and its surface.
 
     gloss: (M, G) rows of `Gloss` of one lobe of each material, under which normals are solved; None: those of the fit.
-    lobes: of each material, found on pixels of full size; none: those of the fit.
+    lobes: of each material, found on pixels of full size; none: those of the fit. misfit: (N,) own variance of the
+    coarse normals [rad²] beyond that of noise, model error and the width of a pixel: pixels of full size have it, too;
+    None where no lamps were left out.
     """
 
     capture: Capture
@@ -57,6 +61,7 @@ class Coarse:
     surface: DepthSurface
     gloss: Array | None = None
     lobes: tuple[FoundLobes | None, ...] = ()
+    misfit: Array | None = None
 
     @property
     def rows(self) -> Array:
@@ -100,10 +105,20 @@ def solve_coarse(
     if has_near_lamps(capture):
         shape = solve_shape(capture, distance, prior, progress, model)
         return Coarse(capture, shape.normal_map, shape.surface)
-    normal_map = with_shared_errors(solve_with_one_lobe(capture, prior=prior, progress=progress, model=model))
+    plain = solve_with_one_lobe(capture, prior=prior, progress=progress, model=model)
+    normal_map = with_shared_errors(plain)
     camera, own = capture.photographs[0].camera, normal_map.own_variance
     surface = surface_from_normals(normal_map.normals, camera, distance, own, modes=normal_map.modes)
-    return _with_lobes(store, Coarse(capture, normal_map, surface))
+    return _with_lobes(store, Coarse(capture, normal_map, surface, misfit=_misfit(plain, normal_map)))
+
+
+def _misfit(plain: NormalMap, found: NormalMap) -> Array | None:
+    """See `Coarse`; plain: `found` without the errors of lamps that are left out."""
+    errors, views = found.fit.errors, found.views
+    if errors is None:
+        return None
+    of_width = footprint(views.image(found.fit.normals))[views.rows, views.columns]
+    return np.maximum(errors.own - of_width - plain.fit.variance, 0.0)
 
 
 class Known(NamedTuple):
@@ -159,6 +174,8 @@ def solve_tiles(
             _put(fine, solved)
     if not np.isfinite(fine.variance).any():
         raise InputError("no pixel is lit by three lamps: expose longer")
+    if coarse.misfit is not None:
+        _add_footprint(fine)
     maps = fine.normals, fine.variance
     windows = ((shared, tile, *(part[_window(store, tile)] for part in maps)) for tile in known)
     for done, (number, points) in enumerate(runner.results(_integrate_tile, windows), 1):
@@ -168,6 +185,16 @@ def solve_tiles(
             fine.points[place], fine.depth_variance[place] = points
     progress(1.0, "")
     return fine
+
+
+def _add_footprint(fine: Fine) -> None:
+    """Add what a pixel's width makes of its normal to the variance, in strips of rows that bound the memory."""
+    for top in range(0, len(fine.normals), STRIP):
+        bottom, first = min(top + STRIP, len(fine.normals)), max(top - 1, 0)
+        strip = fine.normals[first : bottom + 1].astype(np.float64)
+        added = footprint(strip)[top - first : bottom - first]
+        part = fine.variance[top:bottom]
+        fine.variance[top:bottom] = np.where(np.isfinite(part), np.minimum(part + added, UNKNOWN_DIRECTION), np.inf)
 
 
 def _put(fine: Fine, solved: SolvedTile) -> None:
@@ -209,7 +236,8 @@ def _solve_tile(shared: Shared, tile: int) -> SolvedTile | None:
         fit = with_bodies(views, fit_with(fit, coarse.lobes), solved.place, solved.trust, coarse.lobes)
     errors, variance = coarse.normal_map.fit.errors, fit.variance
     if errors is not None:
-        variance = variance + _nearest(store, coarse, errors.shared, (views.rows, views.columns))
+        beside = errors.shared if coarse.misfit is None else errors.shared + coarse.misfit
+        variance = variance + _nearest(store, coarse, beside, (views.rows, views.columns))
     return SolvedTile(views.rows, views.columns, fit.normals, variance, fit.body.T, solved.converged, fit.labels)
 
 
@@ -276,12 +304,12 @@ def _with_lobes(store: TileStore, coarse: Coarse, seed: int = 0) -> Coarse:
 
 
 def _sampled(store: TileStore, coarse: Coarse, random: np.random.Generator) -> _Pixels | None:
-    """LOBE_PIXELS of each material, or fewer, of full size: as many in each of the strata of the half angle."""
+    """Pixels of full size, `most_pixels` of each material or fewer: as many in each of the strata of the half angle."""
     fit = coarse.normal_map.fit
     nearest = np.degrees(angles(fit.normals, coarse.normal_map.views).min(axis=0))
     stratum = len(STRATA) * fit.labels + np.digitize(nearest, STRATA) - 1
     numbers = np.bincount(stratum, minlength=len(STRATA) * len(fit.gloss.rows)) * float(store.factor) ** 2
-    chance = np.minimum(LOBE_PIXELS / len(STRATA) / np.maximum(numbers, 1.0), 1.0)[stratum]
+    chance = np.minimum(most_pixels(len(store.lamps)) / len(STRATA) / np.maximum(numbers, 1.0), 1.0)[stratum]
     stacks, places = [], []
     for tile in range(store.count):
         stack, *pixels = store.stack(tile)
