@@ -402,7 +402,7 @@ def test_pictures_are_made_one_at_a_time_and_each_once(laboratory, monkeypatch):
         return (4, 4), {"small": path.name.encode(), "large": b""}
 
     monkeypatch.setattr(pictures, "_small", small)
-    kept, folder = pictures.Pictures(), laboratory.folder
+    kept, folder = pictures.Pictures(), laboratory.folder()
     names = 4 * list(folder.photographs)
     with ThreadPoolExecutor(6) as pool:
         got = list(pool.map(lambda name: kept.photograph(folder, name, "small"), names))
