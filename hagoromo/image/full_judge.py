@@ -127,7 +127,10 @@ class Judge:
         mean = (added - self.total_off()) / self.area / mean_y
         half = SURE * self.mean_deviation() / self.area / mean_y
         square = float(pixels @ squares) / self.area
-        error = SURE * float(np.sqrt(np.sum((pixels * (squares - square)) ** 2))) / self.area
+        variance = float(np.sum((pixels * (squares - square)) ** 2))
+        if change.any():  # what the walks of the fit happened to bring, which the others do not see
+            variance += 2.0 * float(np.sum((pixels * spread[self.sums.chosen] ** 2) ** 2))
+        error = SURE * math.sqrt(variance) / self.area
         low, middle, high = (math.sqrt(max(s, 0.0)) / mean_y for s in (square - error, square, square + error))
         seen = self.sums.chosen
         draws = np.random.default_rng(0).standard_normal((DRAWS, len(seen)))
