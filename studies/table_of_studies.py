@@ -39,6 +39,12 @@ def _module(name: str, *arguments: str) -> tuple[str, ...]:
 
 
 STUDIES: dict[str, Study] = {
+    "full_error": Study(
+        "what mode full is off, what it says of that, and its mend by walks: docs/full_error.md",
+        "ten minutes",
+        (_module("full_error", RECIPES, "--out", "out/full_error"),),
+        _page("full_error"),
+    ),
     "real": Study(
         "every real photograph of six objects, predicted from the eleven others",
         "minutes",

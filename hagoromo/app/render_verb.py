@@ -47,7 +47,7 @@ def render(
     Args:
         scene: scene TOML.
         mode: march computes single scattering, without noise; full solves light of all orders on
-            a coarse grid; path estimates it, with noise.
+            a coarse grid, says what it is off and mends it; path estimates it, with noise.
         tolerance: error of the picture where there is matter, root mean square over mean (default: the scene's, or
             0.04).
         samples: rays a pixel, or random walks in mode path (default: the scene's, or 1).

@@ -26,11 +26,11 @@ class Judge:
 
     def __init__(self, mender: Mender) -> None:
         self.mender, self.sums, self.blocks = mender, mender.sums, mender.blocks
-        self.y, sums = self.blocks.y, self.sums
-        self.count = sums.walks.sum(axis=1)
-        self.totals = np.einsum("bfc,c->bf", sums.total, self.y)  # of Y
+        self.y = self.blocks.y
+        self.count = self.sums.walks.sum(axis=1)
+        self.totals = np.einsum("bfc,c->bf", self.sums.total, self.y)  # of Y
         self.off = self.totals.sum(axis=1) / np.maximum(self.count, 1)  # truth − full
-        self.pixels = sums.stand_for
+        self.pixels = self.sums.stand_for
         matter = self.blocks.matter
         self.area = float(self.blocks.sizes[matter].sum())
         light = self.blocks.sizes[matter] * self.blocks.all_y[matter]
@@ -39,9 +39,8 @@ class Judge:
     def error(self, fit: Fit) -> FullError:
         """The whole statement; fit: to all walks."""
         change = np.einsum("bc,c->b", self.mender.change(fit), self.y)
-        unseen = self.squares_unseen()
-        solved, mended = self.squares(self.off_by_fold(np.zeros(len(self.off)))), unseen
-        spread = self._spread(max(float(self.pixels @ mended) / self.area, 0.0))
+        solved, mended = self.squares(self.off_by_fold(np.zeros(len(self.off)))), self.squares_unseen()
+        spread = self._spread(max(self._over(mended) / self.area, 0.0))
         places = [int(np.argmax(np.abs(values))) if values.size else 0 for values in (change, spread)]
         at = [(BLOCK * (place // self.blocks.grid[1]), BLOCK * (place % self.blocks.grid[1])) for place in places]
         return FullError(
@@ -56,8 +55,12 @@ class Judge:
         scale = 1.0
         if self.sums.side > 1:
             light = np.einsum("bc,c->b", self.blocks.means, self.y) * self.blocks.sizes
-            scale = float(light[self.blocks.matter].sum()) / max(float(self.pixels @ self._higher()), 1e-30)
-        return scale * float(self.pixels @ self.off)
+            scale = float(light[self.blocks.matter].sum()) / max(self._over(self._higher()), 1e-30)
+        return scale * self._over(self.off)
+
+    def _over(self, values: Array) -> float:
+        """Sum over pixels of values of walked blocks, with the same bits on any number of cores."""
+        return float((self.pixels * values).sum())
 
     def _higher(self) -> Array:
         return np.einsum("bc,c->b", self.blocks.means[self.sums.chosen], self.y)
@@ -66,7 +69,7 @@ class Judge:
         """Standard error of `total_off`."""
         if self.sums.side > 1:
             light = self._higher()
-            ratio = float(self.pixels @ self.off) / max(float(self.pixels @ light), 1e-30)
+            ratio = self._over(self.off) / max(self._over(light), 1e-30)
             return float(np.sqrt(np.sum((self.pixels * (self.off - ratio * light)) ** 2)))
         n = np.maximum(self.count, 2)
         variance = np.maximum(self.sums.square[:, -1] / n - self.off**2, 0.0) / (n - 1)
@@ -117,7 +120,7 @@ class Judge:
         walks = np.zeros(self.blocks.matter.size)
         noise = np.einsum("bc,c->b", self.mender.noise, self.y**2)
         walks[self.sums.chosen] = noise / np.maximum(self.count, 1)
-        mean = float(self.pixels @ walks[self.sums.chosen]) / self.area
+        mean = self._over(walks[self.sums.chosen]) / self.area
         return np.sqrt(walks * (square / max(mean, 1e-300)))
 
     def _off(self, change: Array, squares: Array, known: Array, spread: Array) -> Off:
@@ -126,7 +129,7 @@ class Judge:
         added = float((change * self.blocks.sizes)[self.blocks.matter].sum())
         mean = (added - self.total_off()) / self.area / mean_y
         half = SURE * self.mean_deviation() / self.area / mean_y
-        square = float(pixels @ squares) / self.area
+        square = self._over(squares) / self.area
         variance = float(np.sum((pixels * (squares - square)) ** 2))
         if change.any():  # what the walks of the fit happened to bring, which the others do not see
             variance += 2.0 * float(np.sum((pixels * spread[self.sums.chosen] ** 2) ** 2))

@@ -140,7 +140,8 @@ class Mender:
                 made[..., k] = map_coordinates(given[:, k].reshape(rows, columns), places, order=1, mode="nearest")
             left = own - in_blocks(self.blocks.higher * made) / light
             given = given + left
-        block = np.add.outer(np.arange(made.shape[0]) // BLOCK * columns, np.arange(made.shape[1]) // BLOCK)
+        down, across = (np.arange(side) // BLOCK for side in self.blocks.first.shape)
+        block = np.add.outer(down * columns, across)
         return made + left[block]
 
 

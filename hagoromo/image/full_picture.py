@@ -77,16 +77,16 @@ def full_picture(
     lit, points_of_light = lit_by_points(scene, settings)
     walks = settings.walks != 0
     image, bands = _solved(lit, settings, points, cache, part_of(progress, 0.0, 1.0 - WALKING * walks), trace)
-    seen = with_seen_lights(image, scene, settings, cache, points) if points_of_light else image
     if walks:
 
         def walk_here() -> WalkThrough:
             return walk or walks_here(scene, settings, cache, bands)
 
         part = part_of(progress, 1.0 - WALKING, WALKING)
-        better = mended(image, seen, walk_here, partial(_name_of, scene, settings), settings, part)
-        seen = replace(better, weights=better.weights + (seen.weights - image.weights))
-    return replace(seen, metadata=seen.metadata | metadata(scene, settings) | points_of_light)
+        image = mended(image, walk_here, partial(_name_of, scene, settings), settings, part)
+    if points_of_light:
+        image = with_seen_lights(image, scene, settings, cache, points)
+    return replace(image, metadata=image.metadata | metadata(scene, settings) | points_of_light)
 
 
 def _solved(

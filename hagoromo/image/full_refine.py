@@ -17,7 +17,7 @@ from hagoromo.errors import InputError
 from hagoromo.image.full_error import BLOCK, KEY, FullError
 from hagoromo.image.full_judge import Judge
 from hagoromo.image.full_mend import Mender
-from hagoromo.image.full_walks import Blocks, BlockSums, WalkThrough
+from hagoromo.image.full_walks import FEWEST_BLOCKS, MOST_BLOCKS, Blocks, BlockSums, WalkThrough
 from hagoromo.image.image import Image
 from hagoromo.image.settings import MOST_FULL_WALKS, Settings
 from hagoromo.progress import Progress, silent
@@ -34,7 +34,6 @@ NameOf = Callable[[int], str]
 
 def mended(
     image: Image,
-    seen: Image,
     walk: Callable[[], WalkThrough],
     name_of: NameOf,
     settings: Settings,
@@ -42,14 +41,13 @@ def mended(
 ) -> Image:
     """A picture of mode full, mended by walks, with what they say of it in its metadata.
 
-    seen: the picture with the lights that its camera sees. walk: gives walks that are ready. They are `settings.walks`,
+    image: without the lights that its camera sees. walk: gives walks that are ready. They are `settings.walks`,
     or as many as bring the error to `settings.error`, or else to GOOD, MOST_WALKS at most. `InputError` for an error
     that takes more than MOST_FULL_WALKS, with the part of the picture that is in the way.
     """
     if not image.palette.bands:
         return image
-    every = {"most": sys.maxsize} if settings.error is not None else {}
-    sums = BlockSums(Blocks.of(image, seen), settings.seed, **every)
+    sums = BlockSums(Blocks.of(image), settings.seed, _blocks(settings))
     if not sums.chosen.size:
         return image
     through, wanted = walk(), settings.walks or FIRST_WALKS
@@ -65,6 +63,14 @@ def mended(
     if error.mended.at_most > BAD:
         warnings.warn(error.line() + "; more walks, or mode path, bring it nearer", stacklevel=4)
     return replace(_with_factors(image, mender.factors(fit)), metadata=image.metadata | {KEY: error.record()})
+
+
+def _blocks(settings: Settings) -> int:
+    """Blocks that are walked at most: all where an error is asked for, as many as walks are enough for."""
+    if settings.error is not None:
+        return sys.maxsize
+    enough = MOST_BLOCKS if settings.walks is None else settings.walks // BLOCK**2
+    return min(max(enough, FEWEST_BLOCKS), MOST_BLOCKS)
 
 
 def _wanted(error: FullError, settings: Settings, name_of: NameOf, width: int) -> int:

@@ -28,7 +28,7 @@ from hagoromo.transport.path.bands import Bands
 
 FOLDS = 8
 ROUNDS_AT_ONCE = 1 << 13  # walks through all pixels of a block, whose numbers are held at a time
-MOST_BLOCKS = 1 << 12  # that are walked, of a picture: spread over it in strata
+FEWEST_BLOCKS, MOST_BLOCKS = 1 << 6, 1 << 12  # that are walked, of a picture: spread over it in strata
 FIRST_WALK = 1 << 24  # number of the first walk of a pixel: those of mode path stay below
 EVEN = 0.5  # share of the walks that all blocks get alike; the others are where there is light of higher orders
 Array = NDArray[np.float64]
@@ -42,20 +42,18 @@ WalkThrough = Callable[[Numbers, Numbers], NDArray[np.float32]]
 class Blocks:
     """The blocks of a picture, BLOCK × BLOCK pixels each, smaller at its ends, row after row.
 
-    higher: (height, width, channels) of higher orders. seen: the same with lights that the camera sees, as walks bring
-    them. y: (channels,) Y of one unit of each. first: (height, width) Y of the first order. matter: (blocks,) which
-    show any.
+    higher: (height, width, channels) of higher orders. y: (channels,) Y of one unit of each. first: (height, width) Y
+    of the first order. matter: (blocks,) which show any.
     """
 
     higher: Array
-    seen: Array
     y: Array
     first: Array
     matter: NDArray[np.bool_]
 
     @classmethod
-    def of(cls, image: Image, seen: Image) -> Blocks:
-        """Those of a picture of mode full; seen: with the lights that the camera sees."""
+    def of(cls, image: Image) -> Blocks:
+        """Those of a picture of mode full, without the lights that the camera sees."""
         palette = image.palette
         y = luminance(palette, palette.lamps[0])
         is_band = np.zeros((len(palette.lamps), len(palette.colours)), bool)
@@ -65,8 +63,7 @@ class Blocks:
         higher = np.ascontiguousarray(weights[..., is_band.ravel()])
         there = (image.alpha > 0.0) | (higher > 0.0).any(axis=2)
         matter = in_blocks(there.astype(float)[..., None])[:, 0] > 0.0
-        with_lights = seen.weights[..., is_band.ravel()].astype(np.float64)
-        return cls(higher, with_lights, y[is_band.ravel()], first, matter)
+        return cls(higher, y[is_band.ravel()], first, matter)
 
     @property
     def grid(self) -> tuple[int, int]:
@@ -151,7 +148,8 @@ class BlockSums:
     def walk_on(self, walks: int, through: WalkThrough) -> None:
         """Further walks, about so many: some more through each pixel of every block."""
         sizes = self.blocks.sizes[self.chosen]
-        wanted = np.maximum(np.rint(self.shares * (self.count + walks) / max(sizes @ self.shares, 1.0)), 1.0)
+        each = (self.count + walks) / max(float((sizes * self.shares).sum()), 1.0)
+        wanted = np.maximum(np.rint(self.shares * each), 1.0)
         more = np.maximum(wanted.astype(np.int64) - self.rounds, 0)
         some = np.repeat(np.arange(len(more)), more)
         number = np.arange(len(some)) - np.repeat(np.cumsum(more) - more, more) + self.rounds[some]
@@ -173,7 +171,7 @@ class BlockSums:
         number = np.broadcast_to(number[:, None], row.shape)[inside]
         row, column = row[inside], column[inside]
         light = through(row * width + column, number).astype(np.float64)
-        off = light - self.blocks.seen[row, column]
+        off = light - self.blocks.higher[row, column]
         np.add.at(self.total, (owner, fold), off)
         np.add.at(self.walks, (owner, fold), 1)
         squares = np.concatenate([off, np.einsum("nc,c->n", off, self.blocks.y)[:, None]], axis=1) ** 2
@@ -201,6 +199,8 @@ class LampWalks:
 
     def __init__(self, lit: Scene, settings: Settings, cache: SceneCache, bands: Bands, number: int) -> None:
         self.stream = WalkStream(lit, settings, cache, bands, number)
+        if self.stream.walks.lights is not None:
+            self.stream.walks.lights.seen = False  # they are no part of what was solved
         self.at_once = walks_at_once(self.stream, lit.camera.width * lit.camera.height)
         self.palette = replace(palette_of_scene(lit, settings), bands=bands.spectra)
 
