@@ -91,8 +91,6 @@ SCENES: dict[str, Callable[[Path, int], hg.Scene]] = {
     "feather, small lamp behind": feather,
     "white linen": recipe("linen"),
     "white linen, lamp behind": recipe("backlit"),
-    "skin": recipe("skin"),
-    "white down, lamp behind": recipe("down"),
 }
 
 
