@@ -19,9 +19,7 @@ import tyro
 from numpy.typing import NDArray
 
 import hagoromo as hg
-from hagoromo.image.full_error import BLOCK
-from hagoromo.image.full_walks import Blocks, in_blocks
-from studies.orders import BEHIND, SUBJECTS, Subject, box_of
+from studies.orders import BEHIND, BLOCK, SUBJECTS, Subject, box_of, in_blocks
 from studies.orders import scene_of as scene_of_recipe
 
 PIXELS = 96  # a side
@@ -115,8 +113,8 @@ def row(title: str, scene: hg.Scene, walks: int) -> dict[str, Any]:
 
 def off(image: hg.Image, truth: hg.Image) -> dict[str, float]:
     """What a picture is off where there is matter, over the mean of the truth there: mean, blocks, the worst block."""
-    there = Blocks.of(image).matter
-    own, real = (means(values.xyz()[..., 1])[there] for values in (image, truth))
+    there = shows_matter(image)
+    own, real = (in_blocks(values.xyz()[..., 1].astype(float))[there] for values in (image, truth))
     left = (own - real) / real.mean()
     square = float(np.mean(left**2)) - noise_of_blocks(truth) ** 2
     return {
@@ -129,16 +127,15 @@ def off(image: hg.Image, truth: hg.Image) -> dict[str, float]:
 def noise_of_blocks(truth: hg.Image) -> float:
     """Of path, root mean square over the mean where there is matter."""
     assert truth.variance is not None
-    there = Blocks.of(truth).matter
-    return (
-        math.sqrt(float(means(truth.variance)[there].mean())) / BLOCK / float(means(truth.xyz()[..., 1])[there].mean())
-    )
+    there = shows_matter(truth)
+    light = (truth.variance, truth.xyz()[..., 1])
+    variance, mean = (float(in_blocks(values.astype(float))[there].mean()) for values in light)
+    return math.sqrt(variance) / BLOCK / mean
 
 
-def means(values: NDArray[np.floating]) -> Array:
-    """Of blocks: (blocks,)."""
-    pixels = values.astype(np.float64)[..., None]
-    return in_blocks(pixels)[:, 0] / in_blocks(np.ones(pixels.shape))[:, 0]
+def shows_matter(image: hg.Image) -> NDArray[np.bool_]:
+    """Which blocks show any."""
+    return in_blocks(image.alpha.astype(float)) > 0.0
 
 
 def main(
