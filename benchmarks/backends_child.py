@@ -11,6 +11,7 @@ import argparse
 import os
 import subprocess
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -46,7 +47,7 @@ def main() -> None:
 def timed(case: Case, scene: hg.Scene, seed: int) -> tuple[float, Any]:
     """Wall time of a picture [s], or of a gradient, and it."""
     if case.mode == "gradient":
-        shape = hg.render(scene, case.settings(), mode="full").weights.shape
+        shape = hg.render(scene, replace(case.settings(), walks=0), mode="full").weights.shape
         weights = np.random.default_rng(1).random(shape)
     start = time.perf_counter()
     if case.mode == "gradient":

@@ -181,7 +181,7 @@ def full_rows(
     contest: Contest, pixels: int, path: Sequence[Array], seen: NDArray[np.bool_], rounds: int
 ) -> list[dict[str, Any]]:
     """Mode full: solved and marched, and marched from elsewhere, beside the march."""
-    scene, settings, cache = contest.scene(pixels), hg.Settings(FULL_RAYS), SceneCache()
+    scene, settings, cache = contest.scene(pixels), hg.Settings(FULL_RAYS, walks=0), SceneCache()
     points = pixel_points(FULL_RAYS, 0)
     try:
         full_picture(scene, settings, points, SceneCache())  # compiles

@@ -38,10 +38,17 @@ def rendered(name: str, sources: Sources, out: Path, walks: int, modes: tuple[Mo
         images, seconds = images_of(scene, walks, modes)
     record = row(title_of(name), images, seconds) | {"size": [scene.camera.width, scene.camera.height], "walks": walks}
     record["warnings"] = sorted({str(one.message) for one in said})
+    record |= stated(images)
     xyz = {mode: image.xyz().astype(np.float32) for mode, image in images.items()}
     with hg.whole_file(out / f"{name}.npz", force=True) as path, path.open("wb") as file:
         np.savez_compressed(file, allow_pickle=False, **xyz)
     hg.write_json(out / f"{name}.json", record)
+
+
+def stated(images: Mapping[str, hg.Image]) -> dict[str, Any]:
+    """What mode full says that it is off, where it is there and says it."""
+    error = images["full"].full_error if "full" in images else None
+    return {"stated": error.record()} if error else {}
 
 
 def with_full_anew(name: str, sources: Sources, out: Path) -> None:
@@ -55,6 +62,7 @@ def with_full_anew(name: str, sources: Sources, out: Path) -> None:
     xyz["full"] = images["full"].xyz().astype(np.float32)
     record |= beside_path("full", {mode: values[..., 1].astype(float) for mode, values in xyz.items()})
     record |= {"seconds": record["seconds"] | seconds, "field": images["full"].metadata.get("field")}
+    record |= stated(images)
     record["warnings"] = sorted({str(one.message) for one in said})
     with hg.whole_file(out / f"{name}.npz", force=True) as path, path.open("wb") as file:
         np.savez_compressed(file, allow_pickle=False, **xyz)

@@ -70,7 +70,7 @@ def orders_study(
             subject = SUBJECTS[name]
             progress(0.9 * number / len(chosen), subject.title)
             scenes[name] = scene_of(box_of(Path(recipes), subject), subject, pixels)
-            images, seconds = images_of(scenes[name], samples)
+            images, seconds = images_of(scenes[name], samples, mend=False)
             rows.append(row(subject.title, images, seconds))
             shown[name] = images
         record = {"hagoromo": hg.__version__, "pixels": pixels, "samples": samples, "seed": 0, "rows": rows}
@@ -97,12 +97,13 @@ def box_of(recipes: Path, subject: Subject) -> hg.VolumeBox:
 
 
 def images_of(
-    scene: hg.Scene, samples: int, modes: tuple[Mode, ...] = MODES
+    scene: hg.Scene, samples: int, modes: tuple[Mode, ...] = MODES, mend: bool = True
 ) -> tuple[dict[str, hg.Image], dict[str, float]]:
-    """The image of a scene by each mode, and the processor seconds that it took."""
+    """The image of a scene by each mode, and the processor seconds that it took; mend: whether full's walks mend it."""
     images, seconds = {}, {}
     for mode in modes:
-        settings = hg.Settings(samples if mode == "path" else min(samples, 4))
+        rays = samples if mode == "path" else min(samples, 4)
+        settings = hg.Settings(rays, walks=None if mend else 0)
         begin = time.process_time()
         images[mode] = hg.render(scene, settings, mode=mode)
         seconds[mode] = time.process_time() - begin

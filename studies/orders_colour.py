@@ -19,6 +19,7 @@ from hagoromo.image.modes import Mode
 
 STEPS = 4  # of the secant by mode full
 NEAR = 1e-3  # of the mean
+SETTINGS = hg.Settings(4, walks=0)  # a secant wants no noise
 
 
 def colour_row(
@@ -38,7 +39,7 @@ def colour_row(
         shown = min(found, largest(front))
         row[name] = {"colour": found, "shown": shown, "albedo": found / largest(front)}
         for way, scene in scenes.items():
-            image = hg.render(coloured(scene, shown), hg.Settings(4), mode=mode)
+            image = hg.render(coloured(scene, shown), SETTINGS, mode=mode)
             pictures[f"{way}, {name}"] = image
             row[name][way] = brightness(image) / brightness(photographs[way])
     return row, pictures
@@ -63,13 +64,13 @@ def largest(scene: hg.Scene) -> float:
 def solved(scene: hg.Scene, mode: Mode, wanted: float) -> float:
     """The body colour by which a picture is as bright as wanted; mode full tries none above `largest`."""
     tried = [0.6, 0.8]
-    seen = [brightness(hg.render(coloured(scene, colour), hg.Settings(4), mode=mode)) for colour in tried]
+    seen = [brightness(hg.render(coloured(scene, colour), SETTINGS, mode=mode)) for colour in tried]
     if mode == "march":  # linear, so that it holds beyond what a fibre can be, too
         return float(tried[0] + (wanted - seen[0]) * (tried[1] - tried[0]) / (seen[1] - seen[0]))
     for _ in range(STEPS):
         slope = (seen[-1] - seen[-2]) / (tried[-1] - tried[-2])
         tried.append(float(min(tried[-1] + (wanted - seen[-1]) / slope, largest(scene))))
-        seen.append(brightness(hg.render(coloured(scene, tried[-1]), hg.Settings(4), mode=mode)))
+        seen.append(brightness(hg.render(coloured(scene, tried[-1]), SETTINGS, mode=mode)))
         if abs(seen[-1] - wanted) < NEAR * wanted or tried[-1] == tried[-2]:
             break
     return tried[-1]

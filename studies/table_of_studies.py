@@ -144,6 +144,12 @@ STUDIES: dict[str, Study] = {
         (("out/modes/modes.md", "docs"), ("out/modes/modes/*.jpg", "docs/figures/modes")),
         needs_demo=True,
     ),
+    "full_error": Study(
+        "what mode full is off, what it says of that, and its mend by walks: docs/full_error.md",
+        "ten minutes",
+        (_module("full_error", RECIPES, "--out", "out/full_error"),),
+        _page("full_error"),
+    ),
     "cluster": Study(
         "workers on this machine, one of them killed, and a simulation of many: docs/cluster.md",
         "minutes",

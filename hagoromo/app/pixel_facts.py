@@ -16,8 +16,10 @@ from hagoromo.files.exr import exr_header, read_exr
 from hagoromo.files.hdr import hdr_size, read_hdr
 from hagoromo.files.picture import picture_size, read_picture
 from hagoromo.files.raw import raw_size, read_raw
+from hagoromo.files.record import json_value
 from hagoromo.files.tiff import read_tiff, tiff_page
 from hagoromo.files.volume_file import look_at_volume, read_volume
+from hagoromo.image.full_error import FullError
 from hagoromo.image.image import lamp_names_in
 from hagoromo.image.sums_channels import NAME as CHANNEL_OF_SUMS
 
@@ -44,9 +46,12 @@ def exr(path: Path) -> Facts:
     """Of an EXR: its channels and texts; of a picture of ours the names of its lamps."""
     part = exr_header(path)
     lamps = {"lamps": list(lamp_names_in(part.texts["palette"], path))} if "palette" in part.texts else {}
+    record = json_value(part.texts.get("hagoromo", "{}"), f"{path}: hagoromo")
+    error = FullError.of(record if isinstance(record, dict) else {})
+    stated = {"error": error.line()} if error else {}
     shown = [name for name in part.channels if not CHANNEL_OF_SUMS.fullmatch(name)]
     texts = {k: v if len(v) <= LONGEST_TEXT else f"{len(v)} characters" for k, v in part.texts.items()}
-    return {"kind": "EXR image", "size": [part.width, part.height], "channels": shown, **lamps, **texts}
+    return {"kind": "EXR image", "size": [part.width, part.height], "channels": shown, **lamps, **stated, **texts}
 
 
 def picture(path: Path) -> Facts:

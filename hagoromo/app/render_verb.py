@@ -29,6 +29,7 @@ def render(
     seed: int | None = None,
     error: float | None = None,
     time: float | None = None,
+    walks: int | None = None,
     separate_lamps: bool = False,
     resume: bool = False,
     layers: bool = False,
@@ -46,13 +47,16 @@ def render(
     Args:
         scene: scene TOML.
         mode: march computes single scattering, without noise; full solves light of all orders on
-            a coarse grid; path estimates it, with noise.
+            a coarse grid, says what it is off and mends it; path estimates it, with noise.
         tolerance: error of the picture where there is matter, root mean square over mean (default: the scene's, or
             0.04).
         samples: rays a pixel, or random walks in mode path (default: the scene's, or 1).
         seed: seed of the random numbers (default: the scene's, or 0).
-        error: in mode path, noise at which to stop, root mean square over mean where there is matter, such as 0.01.
+        error: in modes path and full, error at which to stop, root mean square over mean where there is matter, such
+            as 0.01: in path the noise of pixels, in full what blocks of 8 × 8 pixels are off.
         time: in mode path, for how long to go on, about [s].
+        walks: in mode full, how many random walks state and mend its error, about, in the whole picture; 0 for none
+            (default: as many as bring it to 0.01, up to 2^20).
         separate_lamps: every lamp gets weights of its own, so that `expose` can change its strength and colour.
         resume: go on with the unfinished picture that an interrupted run in mode path left at `--out`.
         layers: further channels: parts of the light (first.R, higher.R, body.R, interface.R, …), depth.Z, normal.X, …,
@@ -66,15 +70,16 @@ def render(
             "ACES 2.0 - SDR 100 nits (Rec.709)".
     """
     turn = turn_of(turntable, camera_orbit, lamp_orbit)
+    choices = {"tolerance": tolerance, "samples": samples, "seed": seed}
+    choices |= {"error": error, "seconds": time, "walks": walks}
+    stated = {key: value for key, value in choices.items() if value is not None}
     if is_film(out, turn):
         if resume or layers or denoise or separate_lamps or display:
             raise InputError(
                 "a film goes on by itself and has no layers: leave --resume, --layers, --denoise, --separate-lamps and "
                 "--display out"
             )
-        stated = {"tolerance": tolerance, "samples": samples, "seed": seed, "error": error, "seconds": time}
-        given = {key: value for key, value in stated.items() if value is not None}
-        return write_film_of(scene, out, given, turn, fps, scheduler.chosen, force, mode)
+        return write_film_of(scene, out, stated, turn, fps, scheduler.chosen, force, mode)
     from hagoromo.image.shown import DisplayTransform
 
     if denoise:
@@ -87,8 +92,7 @@ def render(
     from hagoromo.image.scene_file import camera_and_settings
 
     camera, settings = camera_and_settings(scene)
-    stated = {"tolerance": tolerance, "samples": samples, "seed": seed, "error": error, "seconds": time}
-    settings = replace(settings, **{key: value for key, value in stated.items() if value is not None})
+    settings = replace(settings, **stated)
     if separate_lamps:
         settings = replace(settings, separate_lamps=True)
     try:
@@ -98,6 +102,8 @@ def render(
         interrupt.image.save(out, camera.response, force or resume, display=display)
         raise KeyboardInterrupt(f"{interrupt}, {out} is the picture so far: --resume goes on with it") from interrupt
     wrote(*image.save(out, camera.response, force or resume, denoise, display))
+    if image.full_error is not None:
+        say(image.full_error.line())
 
 
 def _unfinished(out: Path) -> hg.Image:

@@ -56,10 +56,10 @@ def full_gradient(scene: Scene, by_weights: ArrayLike, settings: Settings | None
 
         ∂loss/∂c_jb = Σ by_weights · ∂weights/∂c_jb
 
-    by_weights: the derivative of the loss by `weights` of `hg.render(scene, settings, mode="full")`, of their shape
-    (height, width, channels); of a loss that is linear, its weights. c_jb: the value of colour j of the palette
-    (bodies, interfaces, transmitted ones) in band b. First-order weights do not depend on it; light of higher orders
-    does. Held fixed are density, axes, the shapes of lobes and the cells.
+    by_weights: the derivative of the loss by `weights` of `hg.render(scene, settings, mode="full")` with `walks=0`, of
+    their shape (height, width, channels); of a loss that is linear, its weights. c_jb: the value of colour j of the
+    palette (bodies, interfaces, transmitted ones) in band b. First-order weights do not depend on it; light of higher
+    orders does. Held fixed are density, axes, the shapes of lobes and the cells.
 
     The field is solved anew, and the adjoint of its sweeps follows the same rays. The result is the derivative of the
     discrete solution, with its residual of 0.2 %. Memory: that of the picture, an adjoint as large as the solution, and

@@ -1,4 +1,4 @@
-"""Pictures of all orders of light without noise: the light of higher orders is solved once, then marched through.
+"""Pictures of all orders of light: the light of higher orders is solved once, marched through, and mended by walks.
 
 Enters: a scene. Leaves: an `Image` whose palette has bands for light that was scattered more than once. The solved
 field knows no camera: with the same `cache` another camera costs a march.
@@ -16,6 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hagoromo.image.full_refine import mended
+from hagoromo.image.full_walks import WalkThrough, walks_here
 from hagoromo.image.higher_orders import albedos_of, check_matter, warn_of_few_bands
 from hagoromo.image.image import Image
 from hagoromo.image.lamp_batches import Batch, lamp_batches, under_batches
@@ -48,6 +50,7 @@ from hagoromo.volume.box import VolumeBox
 BANDS_TOLERANCE = 0.01  # of the light of a camera's channel: the field itself is no nearer
 MOST_BANDS = 7  # each is nine numbers a cell, and a part of every kernel
 MOST_CHANNELS = 8  # bands of all groups of lamps that are solved together
+WALKING = 0.2  # share of the time of a picture, the same
 SOLVING = 0.5  # share of the time of a batch, as progress counts it
 
 
@@ -63,28 +66,56 @@ def full_picture(
     cache: SceneCache | None = None,
     progress: Progress = silent,
     trace: TraceBatch | None = None,
+    walk: WalkThrough | None = None,
 ) -> Image:
     """The image of a scene by rays through `points` of every pixel; see `render`.
 
-    trace: who solves and traces; default: this process. `InputError` for a box whose matter would send on more light
-    than it takes.
+    trace: who solves and traces, walk: who walks; default: this process. `InputError` for a box whose matter would send
+    on more light than it takes.
     """
+    cache = cache or SceneCache()
     lit, points_of_light = lit_by_points(scene, settings)
+    walks = settings.walks != 0
+    image, bands = _solved(lit, settings, points, cache, part_of(progress, 0.0, 1.0 - WALKING * walks), trace)
+    if walks:
+
+        def walk_here() -> WalkThrough:
+            return walk or walks_here(scene, settings, cache, bands)
+
+        part = part_of(progress, 1.0 - WALKING, WALKING)
+        image = mended(image, walk_here, partial(_name_of, scene, settings), settings, part)
     if points_of_light:
-        cache = cache or SceneCache()
-        image = full_picture(lit, settings, points, cache, progress, trace)
         image = with_seen_lights(image, scene, settings, cache, points)
-        return replace(image, metadata=image.metadata | metadata(scene, settings) | points_of_light)
+    return replace(image, metadata=image.metadata | metadata(scene, settings) | points_of_light)
+
+
+def _solved(
+    scene: Scene,
+    settings: Settings,
+    points: NDArray[np.float64],
+    cache: SceneCache,
+    progress: Progress,
+    trace: TraceBatch | None,
+) -> tuple[Image, Bands]:
+    """The image of a scene under lamps alone as it is solved, and its bands."""
     batches, bands = batches_and_bands(scene, settings)
     warn_of_few_bands(bands)
-    traced = trace or partial(_traced, settings, points, bands, cache or SceneCache())
+    traced = trace or partial(_traced, settings, points, bands, cache)
 
     def under(number: int, lit: Scene, part: Progress) -> Image:
         weights, alpha, record = traced(number, lit, part)
         palette = replace(palette_of_scene(lit, settings), bands=bands.spectra)
         return Image(weights, alpha, palette, metadata(lit, settings) | record)
 
-    return under_batches(scene, batches, settings.separate_lamps, under, progress)
+    return under_batches(scene, batches, settings.separate_lamps, under, progress), bands
+
+
+def _name_of(scene: Scene, settings: Settings, pixel: int) -> str:
+    """Words for the matter of a pixel; none where it shows none."""
+    from hagoromo.image.layers import looked_at, names_of_materials  # layers are of any mode
+
+    seen = looked_at(scene, settings)(range(pixel, pixel + 1))[1][0]
+    return f", which show {names_of_materials(scene)[int(seen[1:].argmax())]}" if seen[1:].any() else ""
 
 
 def batches_and_bands(scene: Scene, settings: Settings) -> tuple[list[Batch], Bands]:
@@ -177,7 +208,8 @@ def light_of(
         if prepared.medium is not None:
             channels = len(prepared.palette.lamps) * bands.count
             size = cell_size(prepared.medium.boxes, channels)
-            warn_if_deep(size, prepared.medium.boxes)
+            if settings.walks == 0:
+                warn_if_deep(size, prepared.medium.boxes)
             solver = Solver(prepared.medium, prepared.lighting, colours, scattering, size)
         if prepared.surfaces is None:
             assert solver is not None

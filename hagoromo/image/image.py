@@ -22,6 +22,7 @@ from hagoromo.files.finite import finite_json
 from hagoromo.files.png import png_bytes
 from hagoromo.files.record import json_value
 from hagoromo.files.whole import whole_files
+from hagoromo.image.full_error import FullError
 from hagoromo.image.palette_record import palette_of_text, record_of_palette
 from hagoromo.image.shown import DisplayTransform
 from hagoromo.image.sums_channels import channels_of_sums, sums_of_channels
@@ -83,6 +84,11 @@ class Image:
         matrix = np.concatenate([response_matrix(self.palette.colours, lamp, response) for lamp in lamps], axis=1)
         with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused where it is written
             return (self.weights @ matrix.T.astype(np.float32)).astype(np.float32)
+
+    @property
+    def full_error(self) -> FullError | None:
+        """How far a picture of mode full is off, by its walks; None of other pictures, and without walks."""
+        return FullError.of(self.metadata)
 
     @property
     def lamp_names(self) -> tuple[str, ...]:

@@ -33,10 +33,10 @@ def render(
     scheduler: a number of processes, "local", or the address of a Dask scheduler ("tls://host:8786", or a
     `TrustedScheduler`), whose workers render the tiles of a scene file; the bits are the same. `InputError` for a file
     that describes no scene, and a scheduler that does not answer or that nobody vouches for.
-    mode: of MODES. "march": light that is scattered once, without noise. "full": light of all
-    orders, solved once on a coarse grid, without noise. "path": light of all orders, estimated without
-    bias by `settings.samples` random walks through each pixel; it has noise, see `Image.variance`. An interrupt of it
-    raises `RenderInterrupted`, a `KeyboardInterrupt`, with the picture so far.
+    mode: of MODES. "march": light that is scattered once, without noise. "full": light of all orders, solved once on a
+    coarse grid and mended by random walks, with `Image.full_error`. "path": light of all orders, estimated without bias
+    by `settings.samples` random walks through each pixel; it has noise, see `Image.variance`. An interrupt of it raises
+    `RenderInterrupted`, a `KeyboardInterrupt`, with the picture so far.
     unfinished: such a picture, to go on from to the bits of an uninterrupted run; mode path only.
     layers: whether the image has depth, normals, albedo and materials, too, see `Image.layers`.
 

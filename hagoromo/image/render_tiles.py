@@ -31,7 +31,7 @@ from hagoromo.image.scene_file import camera_and_settings, load_scene
 from hagoromo.image.scene_on_worker import HeldScene, SceneOrder, held_scene, task_size
 from hagoromo.image.seen_lights import SeenLights, camera_sees_lights, with_light
 from hagoromo.image.settings import Settings, metadata
-from hagoromo.image.walk_tiles import walk_on
+from hagoromo.image.walk_tiles import walk_on, walks_on
 from hagoromo.light.lamp import Lamp
 from hagoromo.progress import Progress, part_of, silent
 from hagoromo.transport.film import RAYS_AT_ONCE, TILE, Film, pixel_points, pixels_of, tiled
@@ -93,7 +93,8 @@ def render_tiles(
         image = path_picture(read, settings, progress, unfinished, walk=partial(walk_on, order, cluster))
     elif mode == "full":
         points = pixel_points(settings.samples, settings.seed)
-        image = full_picture(read, settings, points, progress=progress, trace=partial(_solve_and_trace, order, cluster))
+        trace, walk = partial(_solve_and_trace, order, cluster), walks_on(order, cluster, read)
+        image = full_picture(read, settings, points, progress=progress, trace=trace, walk=walk)
     else:
         image = _march_on(order, cluster, progress)
     return with_layers(image, read, settings, partial(_look_on, order, cluster)) if layers else image

@@ -15,6 +15,7 @@ from hagoromo.transport.frames import DEFAULT_TOLERANCE
 
 MOST_SAMPLES = 1 << 16  # rays a pixel: their noise is a 256th of that of one
 FINEST_SHADOWS = 16384  # texels a side of a shadow map
+MOST_FULL_WALKS = 1 << 28  # in a picture of mode full
 LONGEST = 1e7  # time that a picture may take [s]
 
 
@@ -32,10 +33,13 @@ class Settings:
     cut.
 
     Of modes path and full: orders are those of light at most, 1 being light that is scattered once; None: all of them.
-    Of mode path: error is where to stop, the noise of Y, root mean square over its mean where there is matter, which 19
-    of 20 pictures are below; pixels with more noise around them get more walks. seconds is for how long to go on,
-    about: how many walks those are differs from run to run. With either, `samples` is the least number of walks a
-    pixel.
+    error is where to stop, root mean square over the mean where there is matter, which 19 of 20 pictures are below: of
+    Y, in mode path of its noise, in mode full of blocks of 8 × 8 pixels, see `FullError`. Of mode path: pixels with
+    more noise around them get more walks. seconds is for how long to go on, about: how many walks those are differs
+    from run to run. With either, `samples` is the least number of walks a pixel.
+
+    Of mode full: walks are those that state and mend its error, about, in the whole picture; None: as many as bring it
+    to `error` or to 1 %, of the latter 2^20 at most; 0: none, so that it states none, as the other modes do.
 
     >>> hg.Settings(samples=16, tolerance=0.02).shadows
     'map'
@@ -54,6 +58,7 @@ class Settings:
     orders: int | None = None
     error: float | None = None
     seconds: float | None = None
+    walks: int | None = None
     cut: Cut | None = None
 
     def __post_init__(self) -> None:
@@ -70,6 +75,10 @@ class Settings:
             raise InputError(f"error is {self.error}: give a number from 1e-4 to 1, such as 0.01")
         if self.seconds is not None and not 0 < self.seconds <= LONGEST:
             raise InputError(f"seconds is {self.seconds}: give a time above 0 and up to {LONGEST:g} s")
+        if self.walks is not None and not 0 <= self.walks <= MOST_FULL_WALKS:
+            raise InputError(f"walks is {self.walks}: give 0 to {MOST_FULL_WALKS} random walks in all")
+        if self.walks is not None and self.error is not None:
+            raise InputError("both walks and error are given: give the number of walks, or the error that they bring")
         if self.shadow_resolution is not None and not 2 <= self.shadow_resolution <= FINEST_SHADOWS:
             raise InputError(f"shadow_resolution is {self.shadow_resolution}: give 2 to {FINEST_SHADOWS} texels")
 
@@ -80,10 +89,15 @@ def check_mode(settings: Settings, mode: Mode) -> None:
         raise InputError(f"mode is {mode!r}: give one of {', '.join(MODES)}")
     if settings.cut is not None and mode != "march":
         raise InputError(f"a cut is for mode march, and the mode is {mode}: leave the cut out, or render by march")
-    heeded = {"march": (), "full": ("orders",), "path": ("orders", "error", "seconds")}[mode]
-    given = [key for key in ("orders", "error", "seconds") if getattr(settings, key) is not None and key not in heeded]
-    if given:
-        raise InputError(f"{given[0]} is for mode path, and the mode is {mode}: leave it out, or render by path")
+    heeding: dict[str, tuple[Mode, ...]] = {
+        "orders": ("path", "full"), "error": ("path", "full"), "seconds": ("path",), "walks": ("full",)
+    }  # fmt: skip
+    for key, modes in heeding.items():
+        if getattr(settings, key) not in (None, 0) and mode not in modes:
+            names = " and ".join(modes)
+            raise InputError(
+                f"{key} is for mode {names}, and the mode is {mode}: leave it out, or render by {modes[0]}"
+            )
 
 
 def metadata(scene: Scene, settings: Settings) -> dict[str, Any]:

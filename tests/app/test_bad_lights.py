@@ -65,7 +65,7 @@ def test_textures_that_are_broken_are_refused(refused, scene, tmp_path, file, sa
     [
         (("--mode", "path", "--error", "1e-9"), "error is 1e-09: give a number from 1e-4 to 1"),
         (("--mode", "path", "--error", "nan"), "error is nan: give a number"),
-        (("--error", "0.01"), "error is for mode path, and the mode is march"),
+        (("--error", "0.01"), "error is for mode path and full, and the mode is march"),
         (("--mode", "path", "--time", "0"), "give a time above 0"),
         (("--turntable", "4"), "a film is written as .mp4, .webm, .gif"),
     ],

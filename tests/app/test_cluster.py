@@ -127,7 +127,7 @@ def test_a_killed_worker_loses_nothing(slab, cluster, monkeypatch):
     [
         pytest.param("path", {"samples": 3}, marks=pytest.mark.nightly),
         ("path", {"samples": 1, "error": 0.4, "orders": 2}),
-        pytest.param("full", {"samples": 1}, marks=pytest.mark.nightly),
+        pytest.param("full", {"samples": 1, "walks": 3000}, marks=pytest.mark.nightly),
         pytest.param("march", {"samples": 1}, marks=pytest.mark.nightly),
     ],
 )

@@ -234,7 +234,7 @@ def test_frames_build_nothing_twice(turning, tmp_path, monkeypatch):
 def test_a_film_has_all_orders_of_light_and_solves_them_once_for_all_cameras(turning, tmp_path, monkeypatch, mode):
     """Of a grey slab, so that there is one band; each frame is what render gives of its tables."""
     turning.write_text(SCENE + 'extinction = "projected"\n')
-    solved, settings = [], Settings(samples=4)
+    solved, settings = [], Settings(samples=4, walks=0)
     solve = Solver.solved
     monkeypatch.setattr(Solver, "solved", lambda *some, **more: solved.append(some) or solve(*some, **more))
     turn = Turn(3, camera=True, lamps=False)
@@ -372,7 +372,7 @@ def test_motion_that_is_wrong_is_refused(box, tmp_path, refused, more, said):
         (["--turntable", "0"], "0 frames"),
         (["--turntable", "3", "--lamp-orbit", "3"], "two films"),
         (["--turntable", "3", "--mode", "path", "--time", "5"], "give samples, or an error"),
-        (["--turntable", "3", "--mode", "full", "--error", "0.1"], "is for mode path"),
+        (["--turntable", "3", "--mode", "full", "--time", "5"], "is for mode path"),
         (["--turntable", "3", "--layers"], "has no layers"),
         (["--turntable", "3", "--fps", "0"], "0 frames a second"),
     ],

@@ -3,6 +3,7 @@
 import sys
 
 import numpy as np
+import pytest
 
 import hagoromo as hg
 from hagoromo.app.cli import main
@@ -65,3 +66,15 @@ def test_denoising_asks_for_its_extra(monkeypatch, scene, refused, tmp_path):
 def test_the_command_writes_layers(scene, tmp_path):
     assert main(["render", str(scene()), "--layers", "--out", str(tmp_path / "a.exr")]) == 0
     assert "depth.Z" in hg.info(tmp_path / "a.exr")["channels"]
+
+
+@pytest.mark.nightly
+def test_full_says_what_it_is_off_on_the_screen_and_in_the_file(scene, tmp_path, capsys):
+    picture, bare = tmp_path / "a.exr", tmp_path / "b.exr"
+    command = ["render", str(scene()), "--mode", "full"]
+    assert main([*command, "--walks", "2000", "--out", str(picture)]) == 0
+    assert "mode full: mean " in capsys.readouterr().out
+    assert main(["info", str(picture)]) == 0
+    assert "without their mend" in capsys.readouterr().out
+    assert main([*command, "--walks", "0", "--out", str(bare)]) == 0
+    assert "mode full" not in capsys.readouterr().out and hg.read_image(bare).full_error is None

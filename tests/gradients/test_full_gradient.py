@@ -25,7 +25,7 @@ from hagoromo.transport.path.bands import Bands
 
 SIDE, CELL = 6, 1 / 6
 STEP = 0.05  # the field is kept as halves, which smaller differences of pictures show
-SETTINGS = hg.Settings(samples=1)
+SETTINGS = hg.Settings(samples=1, walks=0)
 SLOPE = hg.Spectrum([360.0, 830.0], [0.95, 0.35])
 
 

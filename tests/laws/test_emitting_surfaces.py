@@ -58,7 +58,7 @@ def test_a_square_that_gives_off_light_is_the_area_lamp_in_its_place(shape):
 def test_point_lamps_in_its_place_light_as_walks_find(mode, tolerance):
     """Twice `tolerance` in each block and once in the mean, beside the noise of path, where the lamp is not seen."""
     scene = hg.Scene(camera(), (), (cube(matter("sphere"), 3.0),), (FLOOR, square("mesh")))
-    ours = hg.render(scene, hg.Settings(samples=4, tolerance=tolerance), mode=mode)
+    ours = hg.render(scene, hg.Settings(samples=4, tolerance=tolerance, walks=0), mode=mode)
     walked = hg.render(scene, hg.Settings(samples=256), mode="path")
     assert walked.variance is not None
     light = ours.metadata["light_points"][0]

@@ -37,6 +37,7 @@ from hagoromo.volume.box import VolumeBox
 WHITE = Spectrum.constant(1.0)
 GLOSSY = {e: Reflectance(0.15, 0.5, 0.35, 1.5, WHITE, element=e) for e in ("plane", "cylinder", "sphere")}
 TO_LAMP = np.array([0.48, -0.6, 0.64])
+SOLVED = Settings(walks=0)  # the solution, without walks that mend it
 SIDE = 12  # voxels along an edge of a box of 1 m
 
 
@@ -208,7 +209,10 @@ def test_higher_orders_agree_with_random_walks(element):
     """With an interface, in the whole picture: 1 % of all light, of which they are a fifth."""
     glossy = Reflectance(0.22, 0.35, 0.3, 1.5, WHITE, element=element)
     scene = scene_of(cube(glossy, 3.0), size=10)
-    solved, walked = render(scene, Settings(samples=8), mode="full"), render(scene, Settings(samples=600), mode="path")
+    solved, walked = (
+        render(scene, Settings(samples=8, walks=0), mode="full"),
+        render(scene, Settings(samples=600), mode="path"),
+    )
     higher = walked.weights[..., 2:].mean(axis=-1).sum()  # of a grey scene each band has all of it
     everything = walked.weights[..., :2].sum() + higher
     assert abs(solved.weights[..., 2].sum() - higher) < 0.01 * everything and higher > 0.15 * everything
@@ -224,7 +228,7 @@ def test_faces_of_matter_lie_anywhere_in_cells(ends, cuts, monkeypatch):
     lights = []
     for voxels in (ends, cuts):
         monkeypatch.setattr(full, "cell_size", lambda boxes, channels, voxels=voxels: voxels * boxes[0].voxel_size)
-        solved = render(scene_of(cube(matter(albedo=0.9), 10.0), size=16), Settings(samples=4), mode="full")
+        solved = render(scene_of(cube(matter(albedo=0.9), 10.0), size=16), Settings(samples=4, walks=0), mode="full")
         lights.append(solved.weights[..., 2].sum())
     assert lights[1] == pytest.approx(lights[0], rel=0.05)
 
@@ -233,7 +237,7 @@ def test_faces_of_matter_lie_anywhere_in_cells(ends, cuts, monkeypatch):
 def test_light_in_very_dense_white_matter_is_solved(depth):
     """Albedo 0.999, hundreds of mean free paths a cell and more: finite, not below 0, and less than the lamp's."""
     with pytest.warns(UserWarning, match="mean free paths deep in a cell"):
-        image = render(scene_of(cube(matter(albedo=0.999), depth)), mode="full")
+        image = render(scene_of(cube(matter(albedo=0.999), depth)), SOLVED, mode="full")
     assert np.isfinite(image.weights).all() and image.weights.min() >= 0.0
     assert image.metadata["field"]["residual"] < 0.01
     assert 0.0 < image.weights[..., 2].max() < 1 / math.pi
@@ -242,7 +246,7 @@ def test_light_in_very_dense_white_matter_is_solved(depth):
 def test_light_that_is_not_solved_is_said(monkeypatch):
     monkeypatch.setattr(solve, "MOST_SWEEPS", 3)
     with pytest.warns(UserWarning, match="still changes by .* after 3 sweeps"):
-        render(scene_of(cube(matter(albedo=0.999), 20.0)), mode="full")
+        render(scene_of(cube(matter(albedo=0.999), 20.0)), SOLVED, mode="full")
 
 
 def test_mirrored_lamps_give_mirrored_light():
@@ -260,14 +264,14 @@ def test_mirrored_lamps_give_mirrored_light():
 
 def test_another_camera_costs_a_march_and_light_of_a_seed_has_the_same_bits(monkeypatch):
     scene, cache, points = scene_of(cube(matter(), 3.0)), SceneCache(), pixel_points(1, 0)
-    first = full.full_picture(scene, Settings(), points, cache)
-    assert np.array_equal(first.weights, render(scene, mode="full").weights)
+    first = full.full_picture(scene, SOLVED, points, cache)
+    assert np.array_equal(first.weights, render(scene, SOLVED, mode="full").weights)
     monkeypatch.setattr(full.Solver, "solved", lambda *_: pytest.fail("it was solved again"))
     turned = scene.with_camera(scene_of(scene.boxes[0], eye=(-1.5, -2, 1)).camera)
-    second = full.full_picture(turned, Settings(), points, cache)
+    second = full.full_picture(turned, SOLVED, points, cache)
     assert second.weights[..., 2].sum() > 0 and not np.array_equal(first.weights, second.weights)
     with pytest.raises(pytest.fail.Exception, match="solved again"):
-        full.full_picture(turned.with_lamps(Lamp(to_lamp=(0, 0, 1))), Settings(), points, cache)
+        full.full_picture(turned.with_lamps(Lamp(to_lamp=(0, 0, 1))), SOLVED, points, cache)
 
 
 @pytest.mark.nightly
@@ -276,7 +280,7 @@ def test_the_light_of_a_picture_is_within_the_memory_that_cells_are_chosen_for()
     numbers in whole packets, of 24 bytes; kept are 18.
     """
     box = cube(matter(), 20.0, 40)
-    field = render(scene_of(box, size=2), mode="full").metadata["field"]
+    field = render(scene_of(box, size=2), SOLVED, mode="full").metadata["field"]
     packed = field["bytes"] + 6 * field["cells"]
     assert 0.8 < packed / light_bytes([box], field["cell"], 1) <= 1.0
     some = np.random.default_rng(5).random((7, 5, 6)) < 0.05
@@ -299,9 +303,9 @@ def test_matter_of_large_scenes_has_fewer_samples(monkeypatch):
     assert [solve.samples_along(8.0, cells, 100.0) for cells in (1e5, 1e6, 1e9)] == [4, 2, 1]
     assert solve.samples_along(1.0, 1e3, 100.0) == 2
     scene = scene_of(cube(matter(), 3.0))
-    with_all = render(scene, mode="full")
+    with_all = render(scene, SOLVED, mode="full")
     monkeypatch.setattr(solve, "MOST_BYTES", 0.0)
-    with_one = render(scene, mode="full")
+    with_one = render(scene, SOLVED, mode="full")
     assert not np.array_equal(with_one.weights, with_all.weights)
     assert with_one.weights[..., 2].sum() == pytest.approx(with_all.weights[..., 2].sum(), rel=0.05)
 
@@ -313,7 +317,7 @@ def test_a_lamp_of_another_profile_is_another_field():
     lights = []
     for profile, roll in ((wide, 0.0), (narrow, 0.0), (narrow, 0.5)):
         lamp = Lamp(position=(2, -2, 2), axis=(-1.5, 2.5, -1.5), profile=profile, roll=roll)
-        image = full.full_picture(scene.with_lamps(lamp), Settings(), points, cache)
+        image = full.full_picture(scene.with_lamps(lamp), SOLVED, points, cache)
         lights.append((image.weights[..., 2].sum(), cache.key("field")))
     assert lights[0][0] > 1.05 * lights[1][0] and len({key for _, key in lights}) == 3
 
@@ -325,10 +329,10 @@ def test_each_band_is_the_light_of_its_colour():
     """
     dull, bright = 0.3, 0.6
     sloped = matter(colour=Spectrum([360, 400, 700, 830], [dull, dull, bright, bright]))
-    bands = render(scene_of(cube(sloped, 3.0)), mode="full")
+    bands = render(scene_of(cube(sloped, 3.0)), SOLVED, mode="full")
     assert 3 <= len(bands.palette.bands) <= 5
     for albedo, band in ((dull, 2), (bright, -1)):
-        grey = render(scene_of(cube(matter(albedo=albedo), 3.0)), mode="full")
+        grey = render(scene_of(cube(matter(albedo=albedo), 3.0)), SOLVED, mode="full")
         assert len(grey.palette.bands) == 1
         one, most = grey.weights[..., 2], grey.weights[..., 2].max()
         assert np.abs(bands.weights[..., band] - one).max() < 5e-3 * most
@@ -350,7 +354,7 @@ def test_batches_of_lamps_share_their_bands(monkeypatch):
     monkeypatch.setattr(full, "_traced", one_batch)
     scene = scene_of(cube(matter(colour=slope), 3.0)).with_lamps(*lamps)
     with pytest.warns(UserWarning, match="7 bands are too few for the spectra"):  # of the blue lamp's line
-        image = render(scene, mode="full")
+        image = render(scene, SOLVED, mode="full")
     assert [count for count, _ in seen] == [2, 1, 1] and len({id(bands) for _, bands in seen}) == 1
     assert 3 < seen[0][1].count <= 7 and image.weights.shape[-1] == 3 * (2 + seen[0][1].count)
 
@@ -358,4 +362,4 @@ def test_batches_of_lamps_share_their_bands(monkeypatch):
 def test_what_mode_full_cannot_do_is_said_in_one_line():
     box = cube(matter("cylinder"), 3.0)
     with pytest.raises(InputError, match=r'isotropic extinction.*set extinction = "projected"'):
-        render(scene_of(replace(box, extinction="isotropic")), mode="full")
+        render(scene_of(replace(box, extinction="isotropic")), SOLVED, mode="full")

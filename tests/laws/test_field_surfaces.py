@@ -64,7 +64,9 @@ def test_a_closed_lambert_sphere_is_lit_as_by_its_closed_form(orders):
     camera = hg.Camera(8, 6, (6, 6), (4, 3)).look_at(eye=(0.3, 0.1, -0.2), target=(1, 0, 0))
     ball = hg.Surface.sphere((0, 0, 0), 1.0, matte)
     image = hg.render(
-        hg.Scene(camera, (hg.Lamp(position=(0, 0, 0)),), surfaces=(ball,)), hg.Settings(orders=orders), mode="full"
+        hg.Scene(camera, (hg.Lamp(position=(0, 0, 0)),), surfaces=(ball,)),
+        hg.Settings(orders=orders, walks=0),
+        mode="full",
     )
     truth = sum(albedo**n for n in range(2, (orders or 60) + 1)) / math.pi
     assert np.abs(higher_orders(image) - truth).max() <= 6e-3 * truth
@@ -79,7 +81,7 @@ def test_a_floor_beside_a_white_box_is_lit_as_by_random_walks(element, beta):
     """
     scene = on_a_floor(paint(0.95, element=element), paint(0.8 if not beta else 0.6, beta))
     solved, walked = (
-        hg.render(scene, hg.Settings(samples=4), mode="full"),
+        hg.render(scene, hg.Settings(samples=4, walks=0), mode="full"),
         hg.render(scene, hg.Settings(samples=512), mode="path"),
     )
     ours, theirs = (
@@ -98,7 +100,7 @@ def test_a_robe_colours_the_plate_that_it_lies_on():
     """A red box over a white floor, of which the camera sees the floor: bands have the colour that walks find."""
     scene = on_a_floor(paint(0.95, colour=RED, element="sphere"), paint(0.8))
     solved, walked = (
-        hg.render(scene, hg.Settings(samples=2), mode="full"),
+        hg.render(scene, hg.Settings(samples=2, walks=0), mode="full"),
         hg.render(scene, hg.Settings(samples=512), mode="path"),
     )
     floor = solved.weights[..., 0] < 1e-6  # RED, the first body, is only the box's
@@ -124,16 +126,16 @@ def test_cells_of_samples_without_weight_hold_no_matter(monkeypatch):
 
     monkeypatch.setattr(matter_samples, "_kept", half_of_it)
     monkeypatch.setattr(matter_samples, "Cells", cells)
-    assert np.isfinite(higher_orders(hg.render(scene, mode="full"))).all()
+    assert np.isfinite(higher_orders(hg.render(scene, hg.Settings(walks=0), mode="full"))).all()
     assert centroids and max(centroids) <= 0.5
 
 
 def test_another_camera_costs_a_march(monkeypatch):
     scene, cache, points = on_a_floor(paint(0.9, element="sphere"), paint(0.8)), SceneCache(), pixel_points(1, 0)
-    first = full.full_picture(scene, hg.Settings(), points, cache)
+    first = full.full_picture(scene, hg.Settings(walks=0), points, cache)
     monkeypatch.setattr(full.Joint, "solved", lambda *_: pytest.fail("it was solved again"))
     turned = scene.with_camera(on_a_floor(paint(0.9), paint(0.8), eye=(-2.2, -2.0, 1.5)).camera)
-    second = full.full_picture(turned, hg.Settings(), points, cache)
+    second = full.full_picture(turned, hg.Settings(walks=0), points, cache)
     assert higher_orders(second).sum() > 0 and not np.array_equal(first.weights, second.weights)
 
 
@@ -179,5 +181,7 @@ def test_rays_of_patches_share_no_kernel_with_rays_of_surfaces(monkeypatch):
     matte = hg.Reflectance(0.25, 0.0, 0.2, 1.5, hg.Spectrum.constant(0.8))
     ball = hg.Surface.sphere((0.0, 0.0, 0.3), 0.2, matte)
     camera = hg.Camera(5, 3, (6.0, 6.0), (2.5, 1.5)).look_at((0.0, -2.0, 1.0), (0.0, 0.0, 0.1))
-    hg.render(hg.Scene(camera, (hg.Lamp(to_lamp=(0.0, -0.6, 0.8)),), surfaces=(ball,)), mode="full")
+    hg.render(
+        hg.Scene(camera, (hg.Lamp(to_lamp=(0.0, -0.6, 0.8)),), surfaces=(ball,)), hg.Settings(walks=0), mode="full"
+    )
     assert states and set(states) <= {dr.VarState.Evaluated, dr.VarState.Literal}

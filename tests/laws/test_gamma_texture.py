@@ -72,7 +72,7 @@ def few_patches(monkeypatch):
 @pytest.mark.parametrize("lobes", [(), ((0.1, 0.05),)])
 def test_one_value_is_the_material_of_that_gamma(mode, lobes):
     """To single precision, of all orders; the γ of its own reflectance does not matter."""
-    settings = hg.Settings(samples=4)
+    settings = hg.Settings(samples=4, walks=0)
     one = hg.render(beside_a_wall(square(gamma=0.25, lobes=lobes)), settings, mode=mode)
     texture = hg.SurfaceTexture([[0.25]], smooth=False)
     same = hg.render(beside_a_wall(square(texture, gamma=0.1, lobes=lobes)), settings, mode=mode)
@@ -87,7 +87,7 @@ def test_two_values_are_two_materials_pixel_by_pixel(mode, gloss):
     """First order, and the light that walks bring by the wall, to single precision; also with two values of β, of
     which the larger one would give back too much at the wider γ.
     """
-    settings = hg.Settings(samples=4)
+    settings = hg.Settings(samples=4, walks=0)
     gammas, betas = ((0.1, 0.3), (0.6, 0.6)) if gloss == "beta alike" else ((0.06, 0.4), (4.0, 0.2))
     factors = hg.SurfaceTexture([[1.0, betas[1] / betas[0]]], smooth=False)
     whole = replace(
@@ -112,7 +112,7 @@ def test_patches_with_two_values_send_on_as_two_materials(betas):
     whole = replace(square(alpha=0.0, beta=betas[1], gamma=0.1), gamma_texture=texture, beta_texture=factor)
     halves = half(-0.5, 0.3, alpha=0.0, beta=betas[0]), half(0.5, 0.1, alpha=0.0, beta=betas[1])
     one, two = (
-        hg.render(beside_a_wall(*floors), hg.Settings(samples=4), mode="full", layers=True)
+        hg.render(beside_a_wall(*floors), hg.Settings(samples=4, walks=0), mode="full", layers=True)
         for floors in ((whole,), halves)
     )
     assert two.layers is not None
@@ -255,7 +255,7 @@ def test_patches_send_on_by_the_gamma_of_each_place():
     """Light of all orders, full against path per block; 3 % of the light for the patches, 3.3 standard errors."""
     scene = beside_a_wall(square(RAMP))
     full, path = (
-        hg.render(scene, hg.Settings(samples=4), mode="full"),
+        hg.render(scene, hg.Settings(samples=4, walks=0), mode="full"),
         hg.render(scene, hg.Settings(samples=512), mode="path"),
     )
     assert path.variance is not None
@@ -367,7 +367,9 @@ def test_a_dark_image_leaves_room_for_wide_facets(mode):
         hg.Surface(bright, "rectangle", gamma_texture=wide)
     surface = hg.Surface(bright, "rectangle", gamma_texture=wide, body_texture=image)
     view = hg.Camera(4, 3, (9, 9), (2, 1.5)).look_at((0, -1, 3), (0, 0, 0))
-    assert (hg.render(hg.Scene(view, (LAMP,), surfaces=(surface,)), mode=mode).weights > 0.0).any()
+    assert (
+        hg.render(hg.Scene(view, (LAMP,), surfaces=(surface,)), hg.Settings(walks=0), mode=mode).weights > 0.0
+    ).any()
 
 
 @pytest.mark.parametrize(

@@ -48,7 +48,7 @@ def body(image, *spectra):
 def test_a_checker_of_two_colours_is_squares_of_one_colour_each_pixel_by_pixel(mode):
     """First order, in all modes: the same bits for every weight."""
     squares = (quarter(-0.5, 0.5, RED), quarter(0.5, 0.5, GREEN), quarter(-0.5, -0.5, GREEN), quarter(0.5, -0.5, RED))
-    settings = hg.Settings(samples=1)
+    settings = hg.Settings(samples=1, walks=0)
     one, four = (
         hg.render(hg.Scene(above(), (FAR,), surfaces=surfaces), settings, mode=mode)
         for surfaces in ((mesh(CHECKER),), squares)
@@ -121,7 +121,7 @@ def test_light_of_higher_orders_takes_the_texture_along():
     camera = hg.Camera(32, 24, (32, 32), (16, 12)).look_at((2.4, -1.6, 2.2), (-0.3, 0.0, 0.5))
     scene = hg.Scene(camera, (hg.Lamp(to_lamp=(0.8, 0.0, 0.6)),), surfaces=(mesh(CHECKER), wall))
     full, path = (
-        hg.render(scene, hg.Settings(samples=1), mode="full"),
+        hg.render(scene, hg.Settings(samples=1, walks=0), mode="full"),
         hg.render(scene, hg.Settings(samples=1024), mode="path"),
     )
     assert path.variance is not None

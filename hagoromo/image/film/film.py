@@ -198,7 +198,8 @@ def frame_exposure(order: FilmOrder, number: int) -> float:
     small = scene.with_camera(scene.camera.limited(METERED_SIDE))
     fewer = {
         "march": {"samples": 1, "shadow_resolution": METERED_SIDE},
-        "full": {"samples": 1},  # with the shadow maps of the frames, as the solved light is theirs
+        # with the shadow maps of the frames, as the solved light is theirs
+        "full": {"samples": 1, "walks": 0, "error": None},
         "path": {"samples": min(settings.samples, METERED_WALKS), "error": None},
     }[order.mode]
     image = picture_of_mode(order.mode, small, replace(settings, **fewer), cache)

@@ -44,6 +44,7 @@ class Lights:
         last. gamma_rows: of a scene with textures of γ.
         """
         self.lights: list[LightOfGroups] = [*((lamp.light, [lamp.group]) for lamp in lamps), *wide]
+        self.seen = True  # whether walks from the camera bring the lights that it sees themselves
         self.gamma_rows, every = gamma_rows, gamma_rows.reflectances if gamma_rows else reflectances
         sent = [math.pi * r.alpha + r.interface_albedo + r.transmission for r in every]
         self.albedo = lookup(arrays().Float, np.maximum(np.array(sent, np.float32), LEAST_ALBEDO))
@@ -95,7 +96,7 @@ class Lights:
             hit = light.hit(origin, direction, event)
             if hit is None:
                 continue
-            counts = _balance(spread, hit.density * share / total, first, light.visible)
+            counts = _balance(spread, hit.density * share / total, first, light.visible and self.seen)
             for group, tint in zip(own, hit.tints, strict=True):
                 radiances[group] = radiances[group] + dr.select(hit.there, light.radiance * counts * tint, 0.0)
         return radiances
