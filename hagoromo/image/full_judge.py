@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.image.full_error import BLOCK, FullError, Off
-from hagoromo.image.full_mend import Fit, Mender
+from hagoromo.image.full_mend import Mender, MendFit
 from hagoromo.image.full_walks import FOLDS
 
 SURE = 1.96  # standard errors on each side of an interval of 95 %
@@ -36,7 +36,7 @@ class Judge:
         light = self.blocks.sizes[matter] * self.blocks.all_y[matter]
         self.mean_y = max((float(light.sum()) + self.total_off()) / self.area, 1e-30)  # true, about
 
-    def error(self, fit: Fit) -> FullError:
+    def error(self, fit: MendFit) -> FullError:
         """The whole statement; fit: to all walks."""
         change = np.einsum("bc,c->b", self.mender.change(fit), self.y)
         solved, mended = self.squares(self.off_by_fold(np.zeros(len(self.off)))), self.squares_unseen()

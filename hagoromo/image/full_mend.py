@@ -29,7 +29,7 @@ SHARPER = 4  # steps by which factors between blocks are given the means of bloc
 Array = NDArray[np.float64]
 
 
-class Fit(NamedTuple):
+class MendFit(NamedTuple):
     """shares: (features, channels) of light, of features; own: (blocks, channels) of light, of blocks."""
 
     shares: Array
@@ -92,7 +92,7 @@ class Mender:
                 grid = correlate1d(grid, bell, axis, mode="constant")
         return grid.reshape(-1, values.shape[1])
 
-    def fitted(self, taken: NDArray[np.bool_]) -> Fit:
+    def fitted(self, taken: NDArray[np.bool_]) -> MendFit:
         """The fit to some of the walks; taken: (walked, FOLDS) of them."""
         sums = self.sums
         n = np.where(taken, sums.walks, 0).sum(axis=1)[:, None]
@@ -106,7 +106,7 @@ class Mender:
             step = self._step(left, light, weight, scale)
             own += step
             left = left - light * step[sums.chosen]
-        return Fit(shares, own)
+        return MendFit(shares, own)
 
     def _step(self, left: Array, light: Array, weight: Array, scale: float) -> Array:
         """What is left by blocks, as shares (blocks, channels) of their light smoothed by `scale`, and shrunk."""
@@ -119,11 +119,11 @@ class Mender:
         signal = np.maximum(signal, 0.0)
         return np.where(below > 0.0, share * signal / np.maximum(signal + noise, TINY), 0.0)
 
-    def change(self, fit: Fit) -> Array:
+    def change(self, fit: MendFit) -> Array:
         """What a fit adds to the means of blocks: (blocks, channels)."""
         return self.light * fit.own + np.einsum("cbf,fc->bc", self.designs, fit.shares)
 
-    def factors(self, fit: Fit) -> Array:
+    def factors(self, fit: MendFit) -> Array:
         """Factors on the channels of higher orders of every pixel, (height, width, channels)."""
         share = np.einsum("hwf,fc->hwc", self.features, fit.shares) + self._between(fit.own)
         return np.clip(1.0 + share, *FACTORS)

@@ -17,7 +17,7 @@ from hagoromo.errors import InputError
 from hagoromo.image.full_error import BLOCK, KEY, FullError
 from hagoromo.image.full_judge import Judge
 from hagoromo.image.full_mend import Mender
-from hagoromo.image.full_walks import FEWEST_BLOCKS, MOST_BLOCKS, Blocks, BlockSums, WalkThrough
+from hagoromo.image.full_walks import FEWEST_BLOCKS, MOST_BLOCKS, BlockSums, PictureBlocks, WalkThrough
 from hagoromo.image.image import Image
 from hagoromo.image.settings import MOST_FULL_WALKS, Settings
 from hagoromo.progress import Progress, silent
@@ -47,7 +47,7 @@ def mended(
     """
     if not image.palette.bands:
         return image
-    sums = BlockSums(Blocks.of(image), settings.seed, _blocks(settings))
+    sums = BlockSums(PictureBlocks.of(image), settings.seed, _blocks(settings))
     if not sums.chosen.size:
         return image
     through, wanted = walk(), settings.walks or FIRST_WALKS

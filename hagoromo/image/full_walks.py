@@ -39,7 +39,7 @@ WalkThrough = Callable[[Numbers, Numbers], NDArray[np.float32]]
 
 
 @dataclass(frozen=True, eq=False)
-class Blocks:
+class PictureBlocks:
     """The blocks of a picture, BLOCK × BLOCK pixels each, smaller at its ends, row after row.
 
     higher: (height, width, channels) of higher orders. y: (channels,) Y of one unit of each. first: (height, width) Y
@@ -52,7 +52,7 @@ class Blocks:
     matter: NDArray[np.bool_]
 
     @classmethod
-    def of(cls, image: Image) -> Blocks:
+    def of(cls, image: Image) -> PictureBlocks:
         """Those of a picture of mode full, without the lights that the camera sees."""
         palette = image.palette
         y = luminance(palette, palette.lamps[0])
@@ -94,7 +94,7 @@ def in_blocks(values: Array) -> Array:
     return values.reshape(-1, values.shape[2])
 
 
-def chosen_blocks(blocks: Blocks, seed: int, most: int) -> tuple[Numbers, int]:
+def chosen_blocks(blocks: PictureBlocks, seed: int, most: int) -> tuple[Numbers, int]:
     """The blocks that are walked, in order, and the side of the strata of blocks of which each has one: 1 where all
     that show matter are.
     """
@@ -106,7 +106,7 @@ def chosen_blocks(blocks: Blocks, seed: int, most: int) -> tuple[Numbers, int]:
     return np.sort(order[first]), side
 
 
-def strata(blocks: Blocks, places: Numbers, side: int) -> Numbers:
+def strata(blocks: PictureBlocks, places: Numbers, side: int) -> Numbers:
     """The number of the stratum of each of some blocks."""
     row, column = np.divmod(places, blocks.grid[1])
     return row // side * blocks.grid[1] + column // side
@@ -118,7 +118,7 @@ class BlockSums:
     total: (blocks, FOLDS, channels). square: (blocks, channels), and of Y as a last channel. walks: (blocks, FOLDS).
     """
 
-    def __init__(self, blocks: Blocks, seed: int, most: int = MOST_BLOCKS) -> None:
+    def __init__(self, blocks: PictureBlocks, seed: int, most: int = MOST_BLOCKS) -> None:
         """most: blocks that are walked at most."""
         self.blocks = blocks
         self.chosen, self.side = chosen_blocks(blocks, seed, most)

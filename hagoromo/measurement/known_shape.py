@@ -27,7 +27,7 @@ from hagoromo.measurement.measurement import Measurement
 from hagoromo.measurement.observations import Observations, known_shape, observe, shape
 from hagoromo.measurement.parameters import N_RANGE
 from hagoromo.measurement.photometric.term import CaptureTerms, Term
-from hagoromo.measurement.photometric.term_fit import Profile, dispersion, fit_terms
+from hagoromo.measurement.photometric.term_fit import TermProfile, dispersion, fit_terms
 from hagoromo.measurement.sight import Array
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.photograph import Photograph
@@ -96,7 +96,7 @@ def terms_of_known_shape(
     capture = without_plateaus(capture)
     labels = _labels(capture, labels)
 
-    def profiles_of(without: Capture) -> list[Profile]:
+    def profiles_of(without: Capture) -> list[TermProfile]:
         colour = lamp_colour(without, labels) if colour_from_highlights else None
         how, found = _Fitting(n, model, colour), []
         for number in np.unique(labels[labels >= 0]):
@@ -254,7 +254,7 @@ def _with_values(capture: Capture, each: Sequence[NDArray | float]) -> Capture:
     return replace(capture, photographs=tuple(photographs))
 
 
-def profile_of_material(fit: MaterialFit, changes: Array) -> Profile:
+def profile_of_material(fit: MaterialFit, changes: Array) -> TermProfile:
     """The profile of terms that change the values by `changes` (N, C, T): a sandwich, as that of the fit itself.
 
     The parameters of the material, and body colours of pixels, are eliminated.
@@ -273,7 +273,7 @@ def profile_of_material(fit: MaterialFit, changes: Array) -> Profile:
     leverage = np.clip(objective.own_leverage()[used], 0.0, MOST_LEVERAGE)
     each = (left * (weight * r / np.sqrt(1.0 - leverage))[:, None]).T
     scores = np.stack([np.bincount(fit.group, one).astype(np.float64) for one in each], axis=1)
-    return Profile(step, information / dispersion(information, scores.T @ scores))
+    return TermProfile(step, information / dispersion(information, scores.T @ scores))
 
 
 def _without(columns: Array, others: Array, weight: Array) -> Array:

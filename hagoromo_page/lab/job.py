@@ -18,7 +18,7 @@ from typing import Any
 from hagoromo.app.progress_bar import LIVE
 from hagoromo.files.names import printable
 from hagoromo_page.lab.folder import Folder, Made
-from hagoromo_page.lab.step import Step
+from hagoromo_page.lab.step import LabStep
 
 LOG = logging.getLogger(f"hagoromo.{__name__}")
 PROGRESS = re.compile(r"^[\w ]{1,40}: (\d{1,3}) %(?:, (.*))?$")  # as hagoromo.app.progress_bar writes it
@@ -27,11 +27,11 @@ PATIENCE_S = 30.0  # after which a command that was cancelled is ended
 
 
 @dataclass
-class Job:
+class CommandRun:
     """The steps of one press of a button, in a folder. status: None while it runs, else the last exit status."""
 
     folder: Callable[[], Folder]
-    steps: Sequence[Step]
+    steps: Sequence[LabStep]
     now: int = 0
     shown: str = ""
     share: float = 0.0
@@ -77,7 +77,7 @@ class Job:
             self.lines.append(f"the command could not be run: {printable(error)}")
         self.status = status
 
-    def _one(self, step: Step) -> int:
+    def _one(self, step: LabStep) -> int:
         """Run one command; its exit status."""
         folder = self.folder()
         words, made = step.words(folder), step.made(folder)
@@ -96,7 +96,7 @@ class Job:
             self._keep(step, made)
         return status
 
-    def _keep(self, step: Step, made: Made) -> None:
+    def _keep(self, step: LabStep, made: Made) -> None:
         """Keep what the result was made of; of the folder as it is now, as choices may have changed meanwhile."""
         folder = self.folder()
         folder.keep(made={**folder.record.made, step.name: made})

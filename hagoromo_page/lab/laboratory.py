@@ -13,9 +13,9 @@ from hagoromo.measurement.health.health import Health
 from hagoromo_page.lab import messages
 from hagoromo_page.lab.corrections import clear_mask, paint, reorder, swapped, write_profile
 from hagoromo_page.lab.folder import MASK, ON_BALL, Folder
-from hagoromo_page.lab.job import Job
+from hagoromo_page.lab.job import CommandRun
 from hagoromo_page.lab.pictures import FOUND_MASK, Pictures
-from hagoromo_page.lab.step import Option, Step
+from hagoromo_page.lab.step import LabStep, Option
 from hagoromo_page.lab.steps import HEALTH, PROFILE, STEPS, TABLE
 
 LEAST_PHOTOGRAPHS = 4  # for a shape that nobody knows
@@ -37,7 +37,7 @@ class Laboratory:
         self.pictures, self.job = Pictures(), None
         self._lock = threading.RLock()
 
-    job: Job | None
+    job: CommandRun | None
 
     def folder(self) -> Folder:
         """The chosen folder, as it is now."""
@@ -69,25 +69,25 @@ class Laboratory:
             reorder(folder, folder.photographs)
         elif isinstance(message, messages.Circles):
             folder.keep(circles=message.circles)
-        elif isinstance(message, messages.Corners):
+        elif isinstance(message, messages.SetCorners):
             folder.keep(corners=message.corners)
         elif isinstance(message, messages.Stroke):
             paint(folder, message, self.pictures.shape(_with_photographs(folder)))
         elif isinstance(message, messages.ClearMask):
             clear_mask(folder)
-        elif isinstance(message, messages.Profile):
+        elif isinstance(message, messages.SetProfile):
             write_profile(folder, message.values)
         elif isinstance(message, messages.Run):
             self._start(_step(message.step), message.replace)
 
-    def _start(self, step: Step, replace: bool) -> None:
+    def _start(self, step: LabStep, replace: bool) -> None:
         """Run a step and those before it; `Exists` where that replaces a result and nobody has agreed."""
         folder = _with_photographs(self.folder())
         steps = step.chain(folder)
         there = [one.makes for one in steps if (folder.home / one.makes).exists()]
         if there and not replace:
             raise Exists(there)
-        self.job = Job(self.folder, steps)
+        self.job = CommandRun(self.folder, steps)
         self.job.start()
 
     def stop(self) -> None:
@@ -144,7 +144,7 @@ class Laboratory:
         }  # fmt: skip
 
 
-def _shown(step: Step, folder: Folder) -> dict[str, Any]:
+def _shown(step: LabStep, folder: Folder) -> dict[str, Any]:
     """A step as the page shows it."""
     chain = [one.name for one in step.chain(folder)]
     return {
@@ -155,14 +155,14 @@ def _shown(step: Step, folder: Folder) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _option(option: Option, step: Step, folder: Folder) -> dict[str, Any]:
+def _option(option: Option, step: LabStep, folder: Folder) -> dict[str, Any]:
     return {
         "name": option.name, "label": option.label, "hint": option.hint, "aside": option.aside, "many": option.many,
         "value": option.value(step.name, folder), "choices": option.choices and option.choices(folder),
     }  # fmt: skip
 
 
-def _step(name: str) -> Step:
+def _step(name: str) -> LabStep:
     if name not in STEPS:
         raise InputError(f"there is no step {name!r}: reload the page")
     return STEPS[name]

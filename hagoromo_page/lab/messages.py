@@ -47,7 +47,7 @@ class Circles(Record, frozen=True, tag_field="do", tag="circles"):
     circles: Annotated[list[Circle], up_to(MOST_BALLS)]
 
 
-class Corners(Record, frozen=True, tag_field="do", tag="corners"):
+class SetCorners(Record, frozen=True, tag_field="do", tag="corners"):
     """The corners of the chart, clockwise from that of the first patch; none: they are found."""
 
     corners: Annotated[list[Corner], up_to(4)]
@@ -69,7 +69,7 @@ class ClearMask(Record, frozen=True, tag_field="do", tag="clear mask"):
     """What was painted is removed."""
 
 
-class Profile(Record, frozen=True, tag_field="do", tag="profile"):
+class SetProfile(Record, frozen=True, tag_field="do", tag="profile"):
     """Who archives, as `archive` takes it by --profile."""
 
     values: Annotated[dict[Name, Text], Meta(max_length=16)]
@@ -86,5 +86,5 @@ class Cancel(Record, frozen=True, tag_field="do", tag="cancel"):
     """End the command that runs."""
 
 
-MESSAGES = (Open, Choose, Swap, Reverse, AsNamed, Circles, Corners, Stroke, ClearMask, Profile, Run, Cancel)
+MESSAGES = (Open, Choose, Swap, Reverse, AsNamed, Circles, SetCorners, Stroke, ClearMask, SetProfile, Run, Cancel)
 LARGEST_BODY = 1 << 18  # bytes: a stroke of MOST_POINTS has some 100 KB

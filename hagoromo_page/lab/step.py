@@ -49,7 +49,7 @@ class Option:
 
 
 @dataclass(frozen=True)
-class Step:
+class LabStep:
     """A command of the window.
 
     verb: its first words. given: the words that follow. reads: files it depends on, beside results of the steps
@@ -64,7 +64,7 @@ class Step:
     makes: str
     options: tuple[Option, ...] = ()
     reads: Callable[[Folder], Sequence[str]] = lambda folder: ()
-    after: tuple[Step, ...] = ()
+    after: tuple[LabStep, ...] = ()
     applies: Callable[[Folder], bool] = lambda folder: True
     opens: tuple[str, ...] = field(default=())
 
@@ -106,9 +106,9 @@ class Step:
         stale = any(one.state(folder) != "done" for one in before) or kept not in (None, self.made(folder))
         return "out of date" if stale else "done"
 
-    def chain(self, folder: Folder) -> list[Step]:
+    def chain(self, folder: Folder) -> list[LabStep]:
         """The steps to run for its result: those before it that are not done, and itself."""
-        chained: list[Step] = []
+        chained: list[LabStep] = []
         for one in self.after:
             if one.applies(folder) and one.state(folder) != "done":
                 chained += [each for each in one.chain(folder) if each not in chained]

@@ -8,7 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from hagoromo_page.lab.folder import CIRCLES_FROM, MASK, ON_BALL, Folder
-from hagoromo_page.lab.step import Option, Step, as_words
+from hagoromo_page.lab.step import LabStep, Option, as_words
 
 CAPTURE, HEALTH, MEASURED, RELIT = "lab/capture", "lab/health.json", "lab/measured", "lab/relit"
 CHART, RESPONSE = "lab/chart.exr", "lab/response.csv"
@@ -112,20 +112,20 @@ FACTS = (  # that files of photographs may lack
     Option("white", "White level", "--white", aside=True),
     Option("mosaic", "Mosaic", "--mosaic", hint="such as RGGB, or none", aside=True),
 )  # fmt: skip
-LAMPS_STEP = Step(
+LAMPS_STEP = LabStep(
     "lamps", "Find the lamps", "Each chrome ball shows where the lamp of each photograph is.",
     ("calibrate", "lamps"), _lamps_given, CIRCLES_FROM,
     options=(Option("from", "Lamps from", "", _sources, lambda folder: folder.lamp_sources[0]),),
     reads=lambda folder: folder.ball_photographs,
     applies=lambda folder: not folder.has_lamp_file,
 )  # fmt: skip
-DEVELOP_STEP = Step(
+DEVELOP_STEP = LabStep(
     "develop", "Develop the chart", "The chart's photograph becomes linear in light.",
     ("develop",), _chart_given, CHART,
     reads=lambda folder: (folder.chart,),
     applies=lambda folder: bool(folder.chart) and not folder.chart.lower().endswith(".exr"),
 )  # fmt: skip
-RESPONSE_STEP = Step(
+RESPONSE_STEP = LabStep(
     "response", "Read the chart", "24 known colours show how the camera responds to light.",
     ("calibrate", "response"), _response_given, RESPONSE,
     options=(
@@ -135,7 +135,7 @@ RESPONSE_STEP = Step(
     reads=lambda folder: (folder.chart, RESPONSE_STEP.value("lamp", folder)),
     after=(DEVELOP_STEP,), applies=lambda folder: bool(folder.chart),
 )  # fmt: skip
-CAPTURE_STEP = Step(
+CAPTURE_STEP = LabStep(
     "capture", "Put together", "Photographs, lamps, camera and mask become one folder to measure.",
     ("capture",), _capture_given, CAPTURE,
     options=(
@@ -148,11 +148,11 @@ CAPTURE_STEP = Step(
     ),
     reads=_capture_reads, after=(LAMPS_STEP, RESPONSE_STEP),
 )  # fmt: skip
-HEALTH_STEP = Step(
+HEALTH_STEP = LabStep(
     "health", "Check the photographs", "Order, lamps, strengths, transfer, motion, blur, mask, calibration.",
     ("health",), lambda folder: [CAPTURE], HEALTH, after=(CAPTURE_STEP,),
 )  # fmt: skip
-MEASURE_STEP = Step(
+MEASURE_STEP = LabStep(
     "measure", "Measure", "Normals, colour, gloss and shape of every pixel, with their errors.",
     ("measure",), lambda folder: [CAPTURE], MEASURED,
     options=(
@@ -164,7 +164,7 @@ MEASURE_STEP = Step(
     ),
     after=(CAPTURE_STEP,), opens=("report.html",),
 )  # fmt: skip
-RELIGHT_STEP = Step(
+RELIGHT_STEP = LabStep(
     "relight", "Compare with a photograph kept aside",
     "Measures without one photograph, predicts it, and shows both side by side.",
     ("relight",), lambda folder: [CAPTURE], RELIT,
@@ -173,19 +173,19 @@ RELIGHT_STEP = Step(
     ),
     after=(CAPTURE_STEP,), opens=("report.html",),
 )  # fmt: skip
-PUBLISH_STEP = Step(
+PUBLISH_STEP = LabStep(
     "publish", "Publish", "One page to send round: anybody relights the object, without a server.",
     ("publish",), lambda folder: [MEASURED, "--capture", CAPTURE], PAGE,
     options=(Option("title", "Title", "--title", hint="what the object is called"),),
     after=(MEASURE_STEP,), opens=("",),
 )  # fmt: skip
-EXPORT_STEP = Step(
+EXPORT_STEP = LabStep(
     "export", "Export", "Files for other programs; export.json says what each of them loses.",
     ("export",), lambda folder: [MEASURED], EXPORTED,
     options=(Option("to", "Formats", "--to", lambda folder: FORMATS, lambda folder: "png glb", many=True),),
     after=(MEASURE_STEP,),
 )  # fmt: skip
-ARCHIVE_STEP = Step(
+ARCHIVE_STEP = LabStep(
     "archive", "Archive", "A bag (BagIt) with the digest of every file, for the museum.",
     ("archive",), _archived, BAG,
     options=(

@@ -17,7 +17,7 @@ from hagoromo.measurement.observations import known_shape as region_of
 from hagoromo.measurement.observations import observe
 from hagoromo.measurement.photometric import terms as registry
 from hagoromo.measurement.photometric.term import CaptureTerms, Change, Term
-from hagoromo.measurement.photometric.term_fit import Profile, fit_terms
+from hagoromo.measurement.photometric.term_fit import TermProfile, fit_terms
 from hagoromo.measurement.robust_fit import minimise
 from tests.inverse.simulated_ball import Truth, simulate
 
@@ -99,7 +99,7 @@ def test_fits_count_as_much_as_they_know_and_bounds_hold(ball):
 
     def profiles_of(capture):
         without.append(float(ball.photographs[0].values.mean() - capture.photographs[0].values.mean()))
-        return [Profile(np.array([u - without[-1]]), np.array([[s**-2]])) for u, s in ((0.3, 0.1), (0.5, 0.2))]
+        return [TermProfile(np.array([u - without[-1]]), np.array([[s**-2]])) for u, s in ((0.3, 0.1), (0.5, 0.2))]
 
     found = fit_terms(ball, [one], profiles_of)
     assert found.values[0] == pytest.approx((0.3 * 100 + 0.5 * 25) / 126, rel=1e-4)
@@ -117,7 +117,7 @@ def test_an_unknown_that_nobody_expects_is_doubted():
 
 def test_rounds_that_do_not_converge_are_said(ball):
     def wrong(capture):
-        return [Profile(np.array([1e3]), np.array([[1.0]]))]
+        return [TermProfile(np.array([1e3]), np.array([[1.0]]))]
 
     with pytest.raises(InputError, match=r"pedestal: the estimate is still .* standard errors from its place after"):
         fit_terms(ball, [replace(OFFSET, spread=1e3, range=(-1e9, 1e9))], wrong)

@@ -15,7 +15,7 @@ from hagoromo.image.full_error import BLOCK, FullError
 from hagoromo.image.full_judge import Judge
 from hagoromo.image.full_mend import Mender
 from hagoromo.image.full_refine import mended
-from hagoromo.image.full_walks import Blocks, BlockSums, in_blocks
+from hagoromo.image.full_walks import BlockSums, PictureBlocks, in_blocks
 from hagoromo.image.image import Image
 from hagoromo.transport.palette import Palette
 from tests.judges import intervals_hold
@@ -48,7 +48,7 @@ class MadeUp:
 
     def sums(self, walks, **more):
         """Sums over `walks`."""
-        sums = BlockSums(Blocks.of(self.image), 0, **more)
+        sums = BlockSums(PictureBlocks.of(self.image), 0, **more)
         sums.walk_on(walks, self)
         return sums
 
@@ -194,7 +194,7 @@ def cube_scene(size=24):
 
 def off_of_render(image, truth):
     """Mean and blocks of an image, over the true mean, where there is matter; noise of the truth taken off."""
-    there = Blocks.of(image).matter
+    there = PictureBlocks.of(image).matter
     own, real, noise = (
         in_blocks(values.astype(float)[..., None])[there, 0] / BLOCK**2
         for values in (image.xyz()[..., 1], truth.xyz()[..., 1], truth.variance / BLOCK**2)

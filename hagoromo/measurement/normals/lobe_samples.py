@@ -134,7 +134,7 @@ class Samples:
         for _ in range(BODY_PASSES):
             data = self
 
-            def add(at: _Place, weight: Any, value: Any, data: Samples = data) -> tuple[Any, Any]:
+            def add(at: _Sampled, weight: Any, value: Any, data: Samples = data) -> tuple[Any, Any]:
                 return weight * at.body * at.body, weight * at.body * (value - at.lobes)
 
             power, total = data._sums(interface, body, add)
@@ -149,7 +149,7 @@ class Samples:
         weight less what missing light takes from it, and the values.
         """
         index = dr.arange(arrays().UInt, dr.width(self.values))
-        at = _Place.of(self, index, self.index.place, self.index.own, interface, body)
+        at = _Sampled.of(self, index, self.index.place, self.index.own, interface, body)
         weight, left = at.weight(), at.value if body is None else at.value - at.model
         root = dr.sqrt(weight)
         evaluate(root, left)
@@ -182,7 +182,7 @@ class Samples:
     def loss(self, interface: Float, body: Float) -> float:
         """That whose weights are `weighed`: squares of light in excess, Cauchy's loss of light that is missing."""
 
-        def add(at: _Place, _: Any, value: Any) -> tuple[Any, Any]:
+        def add(at: _Sampled, _: Any, value: Any) -> tuple[Any, Any]:
             squared = at.stated_weight() * dr.square(value - at.model)
             missing = CAUCHY_SCALE**2 * dr.log(1.0 + squared / CAUCHY_SCALE**2)
             return dr.select(value < at.model, dr.select(at.lower > 0.0, 0.0, missing), squared), 0.0
@@ -192,7 +192,7 @@ class Samples:
     def squared_error(self, interface: Float, body: Float) -> float:
         """Of all pixels, clipped values as they are recorded and the model clipped there."""
 
-        def add(at: _Place, _: Any, value: Any) -> tuple[Any, Any]:
+        def add(at: _Sampled, _: Any, value: Any) -> tuple[Any, Any]:
             model = dr.select(at.lower > 0.0, dr.fmin(at.model, value), at.model)
             return at.known * dr.square(value - model), 0.0
 
@@ -201,7 +201,7 @@ class Samples:
     def log_spread(self) -> float:
         """Σ ln of the variance of the values, noise and RELATIVE_ERROR together, that are valid."""
 
-        def add(at: _Place, _: Any, __: Any) -> tuple[Any, Any]:
+        def add(at: _Sampled, _: Any, __: Any) -> tuple[Any, Any]:
             spread = dr.select(at.stated_weight() > 0.0, -dr.log(at.stated_weight()), 0.0)
             return dr.select(at.lower > 0.0, 0.0, spread), 0.0
 
@@ -231,7 +231,7 @@ class Samples:
 
         def more(lamp: Any, first: Any, second: Any) -> tuple[Any, Any, Any]:
             place = lamp * index.pixels + index.pixel
-            at = _Place.of(self, lamp * index.values + own, place, own, interface, body)
+            at = _Sampled.of(self, lamp * index.values + own, place, own, interface, body)
             a, b = add(at, at.weight(), at.value)
             return lamp + 1, first + a, second + b
 
@@ -241,7 +241,7 @@ class Samples:
         return first, second
 
 
-class _Place(NamedTuple):
+class _Sampled(NamedTuple):
     """Values of `Samples` in a kernel, at one lamp, channel and pixel a lane; model: of them, lobes: their part."""
 
     value: Any
@@ -254,7 +254,7 @@ class _Place(NamedTuple):
     model: Any
 
     @staticmethod
-    def of(samples: Samples, index: Any, place: Any, own: Any, interface: Float | None, body: Float | None) -> _Place:
+    def of(samples: Samples, index: Any, place: Any, own: Any, interface: Float | None, body: Float | None) -> _Sampled:
         """Those at `index` of (K, C, P), `place` of (K, P), and `own` of (C, P)."""
         jit = arrays()
         value, level2, noise = (
@@ -263,9 +263,9 @@ class _Place(NamedTuple):
         known, lower = (dr.gather(jit.Float, of, index) for of in (samples.known, samples.lower))
         lit = dr.gather(jit.Float, samples.body, place)
         if interface is None or body is None:
-            return _Place(value, level2, noise, known, lower, lit, 0.0, -UNBOUNDED)
+            return _Sampled(value, level2, noise, known, lower, lit, 0.0, -UNBOUNDED)
         lobes = dr.gather(jit.Float, samples.colour, own) * dr.gather(jit.Float, interface, place)
-        return _Place(
+        return _Sampled(
             value, level2, noise, known, lower, lit, lobes, reading(dr.gather(jit.Float, body, own), lit, None, lobes)
         )
 

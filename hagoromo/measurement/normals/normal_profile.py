@@ -17,7 +17,7 @@ from hagoromo.measurement.normals.photometric_rounds import settled, share_of_st
 from hagoromo.measurement.normals.photometric_step import PixelProblem, PixelStep
 from hagoromo.measurement.normals.views import Array, Views
 from hagoromo.measurement.photometric.term import CaptureTerms, Term
-from hagoromo.measurement.photometric.term_fit import Profile, fit_terms
+from hagoromo.measurement.photometric.term_fit import TermProfile, fit_terms
 from hagoromo.measurement.surface.shape import has_near_lamps, solve_shape
 from hagoromo.photograph.capture import Capture
 from hagoromo.progress import Progress, silent
@@ -53,7 +53,7 @@ def changes_of_views(capture: Capture, terms: Sequence[Term], views: Views) -> A
     return columns
 
 
-def profile_of_normals(capture: Capture, terms: Sequence[Term], solved: NormalMap) -> Profile:
+def profile_of_normals(capture: Capture, terms: Sequence[Term], solved: NormalMap) -> TermProfile:
     """The profile of `terms` of `capture`, whose normals were `solved`: its step leads to where all is at a minimum.
 
     Terms, gloss, lamps and the pixels are moved in turn, at the error of the model and the prior of the solution.
@@ -68,7 +68,7 @@ def profile_of_normals(capture: Capture, terms: Sequence[Term], solved: NormalMa
         if float(profile.step @ profile.precision @ profile.step) < JOINT_STANDSTILL**2:
             break
         step, _ = settled(step, FINE_GAIN)
-    return Profile(values, profile.precision)
+    return TermProfile(values, profile.precision)
 
 
 def with_term_errors(capture: Capture, found: CaptureTerms, solved: NormalMap) -> NormalMap:
@@ -88,7 +88,7 @@ def terms_of_unknown_shape(
     """
     progress(0.0, ", ".join(term.name for term in terms))
 
-    def profiles_of(without: Capture) -> list[Profile]:
+    def profiles_of(without: Capture) -> list[TermProfile]:
         if has_near_lamps(capture):
             solved = solve_shape(without, distance, model=model).normal_map
         else:

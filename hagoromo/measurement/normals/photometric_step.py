@@ -24,7 +24,7 @@ from hagoromo.measurement.normals.shading import TAIL, Gloss, Shading, interface
 from hagoromo.measurement.normals.views import Array, Views
 from hagoromo.measurement.parameters import GAMMA_RANGE, contrasts
 from hagoromo.measurement.photometric.reading import reading
-from hagoromo.measurement.photometric.term_fit import Profile, dispersion
+from hagoromo.measurement.photometric.term_fit import TermProfile, dispersion
 from hagoromo.reflectance.parameters import ROWS
 
 LOG_GAMMA_RANGE = (np.log(0.02), np.log(GAMMA_RANGE[1]))  # of ln γ, γ [rad]
@@ -49,7 +49,7 @@ class PixelProblem:
     free: NDArray[np.bool_]
 
 
-class _Local(NamedTuple):
+class _Eliminated(NamedTuple):
     """The equations of each pixel: root (P, 2 + C, 2 + C), the inverse of Cholesky's factor of their curvature; and
     border (P, 2 + C, · + 1), products of its slopes with those of what pixels share and, last, with the deviations.
     """
@@ -195,7 +195,7 @@ class PixelStep:
             variance[:, i] = np.diag(own) - 2.0 * own.mean(axis=1) + own.mean()
         return variance
 
-    def profile(self, changes: Array) -> tuple[Profile, Array]:
+    def profile(self, changes: Array) -> tuple[TermProfile, Array]:
         """The profile of terms that change the values by `changes` (T, K, C, P), with all that is fitted eliminated;
         and the change (M, G, T) of the gloss by each.
         """
@@ -215,7 +215,7 @@ class PixelStep:
         of_gloss = of_gloss.reshape(*self.fit.gloss.rows.shape, len(changes))
         wider = dispersion(bare, scatter / self.problem.share)
         step = np.linalg.pinv(information, hermitian=True) @ (pull.sum(axis=(0, 1)) - by_shared.T @ rhs)
-        return Profile(step, information / wider), of_gloss
+        return TermProfile(step, information / wider), of_gloss
 
     def _products(self, led: Array, gloss: Array, lamps: Array, depth: Array) -> Array:
         """(G M + OF_LAMP K + 1, T) products of the slopes by gloss, lamps and depth with columns `led` (P, K·C, T)."""
@@ -233,7 +233,7 @@ class PixelStep:
         outer, rhs, _ = self._reduced(1e-6)
         return outer, rhs
 
-    def _reduced(self, damping: float) -> tuple[Array, Array, _Local]:
+    def _reduced(self, damping: float) -> tuple[Array, Array, _Eliminated]:
         """Normal equations of gloss, lamps, depth with the pixels eliminated; and the pixels' own part."""
         channels = self.model.shape[1]
         local, gloss, lamps, depth = self._slopes
@@ -246,7 +246,7 @@ class PixelStep:
         root = np.asarray(np.linalg.inv(np.linalg.cholesky(inner)), np.float64)  # (P, 2 + C, 2 + C), lower
         half = (root @ border).reshape(-1, len(rhs) + 1)
         across = half.T @ half  # a product with itself: half of the work of any other
-        return outer - across[:-1, :-1], rhs - across[:-1, -1], _Local(root, border)
+        return outer - across[:-1, :-1], rhs - across[:-1, -1], _Eliminated(root, border)
 
     @cached_property
     def _slopes(self) -> tuple[Array, Array, Array, Array]:

@@ -1,6 +1,6 @@
 """Term fit: the unknowns that photographs have in common, from all fits of them with their own unknowns eliminated.
 
-Every fit, whether its unknowns are those of a material or those of pixels, gives a `Profile`: where it would
+Every fit, whether its unknowns are those of a material or those of pixels, gives a `TermProfile`: where it would
 have the unknowns of the terms, and how firmly, when its own follow (profile likelihood). A round takes the terms out
 of the photographs, fits, and moves the terms to where all profiles and what was known before meet.
 """
@@ -22,7 +22,7 @@ TERM_STANDSTILL = 1 / 3  # standard errors: two smaller steps are the last; one 
 ROOM = 4.0  # times the spread of what is known before, in which the rounds look for the unknowns
 
 
-class Profile(NamedTuple):
+class TermProfile(NamedTuple):
     """What one fit says of T unknowns when all of its own follow.
 
     step: (T,) by which it alone would move them. precision: (T, T) inverse covariance of where that leads.
@@ -43,7 +43,7 @@ def dispersion(information: Array, scatter: Array) -> float:
 
 
 def fit_terms(
-    capture: Capture, terms: Sequence[Term], profiles_of: Callable[[Capture], Sequence[Profile]]
+    capture: Capture, terms: Sequence[Term], profiles_of: Callable[[Capture], Sequence[TermProfile]]
 ) -> CaptureTerms:
     """The unknowns of `terms` in `capture`. profiles_of: profiles of all fits to a capture that lacks the terms.
 

@@ -83,7 +83,7 @@ class Row(NamedTuple):
     part: int = 0
 
 
-class _Fit(NamedTuple):
+class _NoiseFit(NamedTuple):
     """ln g and ln (r/g)², and their covariance."""
 
     log: Array
@@ -112,7 +112,7 @@ def noise_of_rows(rows: Sequence[Row], usual: Noise, source: str) -> Noise:
     return Noise(gain, gain * deviation, gain * float(np.hypot(found.error, MODEL_ERROR)), read_error, source)
 
 
-def _without_scene(rows: Sequence[Row], usual: Noise) -> _Fit:
+def _without_scene(rows: Sequence[Row], usual: Noise) -> _NoiseFit:
     """The fit of as many parts of the bins as agree with the smoothest, which are as many as determine the gain."""
     found, judges = _fit(rows, usual), (1, 2) if any(row.part for row in rows) else ()
     for least in judges:
@@ -128,7 +128,7 @@ def _without_scene(rows: Sequence[Row], usual: Noise) -> _Fit:
     return found
 
 
-def _fit(rows: Sequence[Row], usual: Noise) -> _Fit:
+def _fit(rows: Sequence[Row], usual: Noise) -> _NoiseFit:
     from scipy.optimize import least_squares
 
     shot, floors, variance, rounding, count, roughness, pair = np.array([row[:7] for row in rows], np.float64).T
@@ -160,7 +160,7 @@ def _fit(rows: Sequence[Row], usual: Noise) -> _Fit:
         off = (variance - expected) / spread_of(expected, 1.0)
         freedom = len(rows) / max(len(rows) - 2 - int(pair.max(initial=0)) * bool(roughness.any()), 1)
         misfit = max(float(np.median(off**2)) / NORMAL_MEDIAN * freedom, 1.0)
-    return _Fit(log, np.asarray(np.linalg.inv(slopes.T @ slopes), np.float64))
+    return _NoiseFit(log, np.asarray(np.linalg.inv(slopes.T @ slopes), np.float64))
 
 
 def _rounding_unsure(log: Array, shot: Array, floors: Array, rounding: Array) -> Array:
