@@ -22,6 +22,7 @@ from hagoromo.recovery.rendering import Rendering, SeenLight
 
 Array = NDArray[np.float64]
 PRIOR, PRIOR_EACH = 3.0, 1.0  # [px] standard deviation, known beforehand, of the turn of all cameras, and of each
+CORRELATED_EACH = 1e5  # so many values of a camera's pixels count as one: the surface gives way to what it alone says
 DIFFERENCE = 0.5  # [px] of the derivatives by differences
 LARGEST = 1.0  # [px] of a step
 DAMPED = 0.5  # share of a step of Gauss and Newton that is taken
@@ -74,8 +75,8 @@ class CameraChanges:
         turns, shifts = np.einsum("nji,nkj->kni", self.frames, moved)
         pixels.move(turns, shifts)
 
-    def step(self, rendering: Rendering, pixels: PixelTable, chunks: NDArray[np.integer]) -> None:
-        """Half a step of Gauss and Newton by some chunks of pixels."""
+    def step(self, rendering: Rendering, pixels: PixelTable, chunks: NDArray[np.integer], fall: float) -> None:
+        """Half a step of Gauss and Newton, times `fall`, by some chunks of pixels."""
         drawn = pixels.of(chunks)
         base = rendering.light(drawn)
         rest = [value - light for value, light in zip(drawn.values, base.channels, strict=True)]
@@ -83,7 +84,7 @@ class CameraChanges:
         weights = np.stack([np.array(w * weight, np.float64) for w in drawn.weights])
         slopes = self._slopes(rendering, pixels, chunks, base)
         residual, camera = np.stack([np.array(r, np.float64) for r in rest]), self.number[np.array(drawn.photograph)]
-        copies = pixels.count / weights.shape[1] / CORRELATED
+        copies = pixels.count / weights.shape[1] / (CORRELATED_EACH if self.each else CORRELATED)
         prior, count = 1.0 / (PRIOR_EACH if self.each else PRIOR) ** 2, len(slopes)
         units = self._units(pixels)[:count]
 
@@ -93,7 +94,7 @@ class CameraChanges:
         matrix = np.stack([[sums(a * b) for b in slopes] for a in slopes], axis=0).transpose(2, 0, 1)
         now = self.values[:, :count] / units
         side = np.stack([sums(a * residual) for a in slopes], axis=1) - prior * now
-        change = DAMPED * np.linalg.solve(matrix + prior * np.eye(count), side[..., None])[..., 0]
+        change = fall * DAMPED * np.linalg.solve(matrix + prior * np.eye(count), side[..., None])[..., 0]
         self.values = self.values.copy()
         self.values[:, :count] += np.clip(change, -LARGEST, LARGEST) * units
         self.apply(pixels)

@@ -130,22 +130,24 @@ class Descent:
             picked = self._pick(chunks, total)
             drawn = self.pixels.of(picked)
             light = self.step(drawn, rate * fall, COLOUR_RATE * fall)
-            self._fit_look(k, picked, drawn, light)
+            self._fit_look(k, fall, picked, drawn, light)
             if self.lamps.each and k % GLOSS_EVERY == GLOSS_EVERY - 1:
                 many = self.pixels.of(self._pick(GLOSS_DRAW * chunks, total))
                 copies = self.pixels.count / dr.width(many.photograph)
                 self.shading.set_gloss(gloss_step(self.rendering, many, copies))
         progress(1.0)
 
-    def _fit_look(self, k: int, picked: NDArray[np.int64], drawn: Drawn, light: SeenLight) -> None:
-        """Fit what is estimated beside the object, in step k, by the pixels of the step."""
+    def _fit_look(self, k: int, fall: float, picked: NDArray[np.int64], drawn: Drawn, light: SeenLight) -> None:
+        """Fit what is estimated beside the object, in step k, by the pixels of the step. fall: factor on changes of
+        cameras and strengths, so that the last ones are means over many draws.
+        """
         unknown, cameras, strengths = self.look.unknown, self.look.cameras, self.look.strengths
         if unknown is not None and k % LIGHT_EVERY == 0:
             unknown.fit(self.field, drawn, light, drawn.weights)
         if strengths is not None and k % STRENGTHS_EVERY == 0:
-            strengths.step(self.pixels, drawn, light)
+            strengths.step(self.pixels, drawn, light, fall)
         if cameras is not None and k % CAMERAS_EVERY == CAMERAS_EVERY - 1:
-            cameras.step(self.rendering, self.pixels, picked[:: 1 if cameras.each else TURN_SHARE])
+            cameras.step(self.rendering, self.pixels, picked[:: 1 if cameras.each else TURN_SHARE], fall)
 
     def _pick(self, chunks: int, total: int) -> NDArray[np.int64]:
         """Some chunks of pixels, drawn with equal chances, in order."""

@@ -85,8 +85,8 @@ class Strengths:
         table = lookup(jit.Float, self.factors.astype(np.float32).ravel())
         return [dr.gather(jit.Float, table, photograph * self.each + k) for k in range(self.each)]
 
-    def step(self, pixels: PixelTable, drawn: Drawn, light: SeenLight) -> None:
-        """Half a step of Gauss and Newton by some pixels and their light."""
+    def step(self, pixels: PixelTable, drawn: Drawn, light: SeenLight, fall: float) -> None:
+        """Half a step of Gauss and Newton, times `fall`, by some pixels and their light."""
         rest = [value - seen for value, seen in zip(drawn.values, light.channels, strict=True)]
         weight = np.array(robust(drawn, rest, pixels.limit), np.float64)
         count = len(self.values)
@@ -103,7 +103,7 @@ class Strengths:
             slopes = csr_array((slope[known], (rows[known], at[known])), (len(weight), count))
             matrix += (slopes.T @ (slopes * by[:, None])).toarray()
             side += slopes.T @ (by * np.array(rest[c], np.float64))
-        change = DAMPED * np.linalg.solve(matrix, side)
+        change = fall * DAMPED * np.linalg.solve(matrix, side)
         self.values = self.values + np.clip(change, -LARGEST, LARGEST)
         for kind in self.number:
             own = np.unique(kind[kind >= 0])
