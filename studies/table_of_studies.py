@@ -65,7 +65,7 @@ STUDIES: dict[str, Study] = {
         "three quarters of an hour",
         (_module("recovery", "--data", DATA, "--out", "out/recovery"),),
     ),
-    "tutorial_views": Study(
+    "tutorial-views": Study(
         "the tutorial of many views as it stands on its page, and its picture",
         "ten minutes",
         (_module("tutorial_views", "--out", "out/tutorial_views"),),
@@ -144,7 +144,7 @@ STUDIES: dict[str, Study] = {
         (("out/modes/modes.md", "docs"), ("out/modes/modes/*.jpg", "docs/figures/modes")),
         needs_demo=True,
     ),
-    "full_error": Study(
+    "full-error": Study(
         "what mode full is off, what it says of that, and its mend by walks: docs/full_error.md",
         "ten minutes",
         (_module("full_error", RECIPES, "--out", "out/full_error"),),
