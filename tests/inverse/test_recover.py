@@ -304,6 +304,7 @@ def test_strengths_that_are_wrong_are_refined_and_their_mean_stays(taken):
     wrong = misstated(taken, 0.0, 0.15, 1)
     found = hg.recover(wrong.capture, replace(SETTINGS, refine="lamps"))
     assert strengths_off(found.photographs, taken) < 0.5 * strengths_off(wrong.capture.photographs, taken)
+    assert found.look.strengths is not None
     assert np.mean(found.look.strengths.values) == pytest.approx(0.0, abs=1e-9)
     assert found.record()["strengths"].startswith("each lamp brighter or darker by")
 
