@@ -191,11 +191,12 @@ def test_an_interrupt_gives_what_there_is(taken):
 @pytest.mark.by_night("0.45-True", "0.75-False")
 @pytest.mark.parametrize(("at", "lamps"), [(0.45, True), (0.8, True), (0.75, False)])
 def test_work_that_goes_on_ends_with_the_same_bits(taken, tmp_path, at, lamps):
-    """Interrupted in a level, in a half for the errors, and under unknown light that is fitted, too."""
+    """Interrupted in a level, in a half for the errors, and under unknown light; what is refined goes on, too."""
     capture = taken.capture if lamps else hg.Capture(tuple(replace(p, lamps=()) for p in taken.capture.photographs))
     settings = hg.RecoverySettings(
-        side=18, steps=42, rays=1 << 10, keep=0, errors=lamps, light="auto" if lamps else "camera"
-    )
+        side=18, steps=42, rays=1 << 10, keep=0, errors=lamps, light="auto" if lamps else "camera",
+        refine="cameras,lamps,exposure" if lamps else "turn",
+    )  # fmt: skip
 
     def stop(share, step=""):
         if share > at:
