@@ -50,8 +50,8 @@ from hagoromo.volume.box import VolumeBox
 BANDS_TOLERANCE = 0.01  # of the light of a camera's channel: the field itself is no nearer
 MOST_BANDS = 7  # each is nine numbers a cell, and a part of every kernel
 MOST_CHANNELS = 8  # bands of all groups of lamps that are solved together
-WALKING = 0.2  # share of the time of a picture, the same
-SOLVING = 0.5  # share of the time of a batch, as progress counts it
+WALKING = 0.2  # share of the time of a picture, as progress counts it
+SOLVING = 0.5  # share of the time of a batch, likewise
 
 
 # Weights (height, width, channels), coverage, and what metadata say, of a scene under one batch of lamps: number of the
