@@ -76,7 +76,7 @@ class CameraChanges:
         pixels.move(turns, shifts)
 
     def step(self, rendering: Rendering, pixels: PixelTable, chunks: NDArray[np.integer], fall: float) -> None:
-        """Half a step of Gauss and Newton, times `fall`, by some chunks of pixels."""
+        """Half a step of Gauss and Newton by some chunks of pixels; times `fall` for each camera, as few are its own."""
         drawn = pixels.of(chunks)
         base = rendering.light(drawn)
         rest = [value - light for value, light in zip(drawn.values, base.channels, strict=True)]
@@ -94,7 +94,11 @@ class CameraChanges:
         matrix = np.stack([[sums(a * b) for b in slopes] for a in slopes], axis=0).transpose(2, 0, 1)
         now = self.values[:, :count] / units
         side = np.stack([sums(a * residual) for a in slopes], axis=1) - prior * now
-        change = fall * DAMPED * np.linalg.solve(matrix + prior * np.eye(count), side[..., None])[..., 0]
+        change = (
+            (fall if self.each else 1.0)
+            * DAMPED
+            * np.linalg.solve(matrix + prior * np.eye(count), side[..., None])[..., 0]
+        )
         self.values = self.values.copy()
         self.values[:, :count] += np.clip(change, -LARGEST, LARGEST) * units
         self.apply(pixels)

@@ -139,7 +139,7 @@ class Descent:
 
     def _fit_look(self, k: int, fall: float, picked: NDArray[np.int64], drawn: Drawn, light: SeenLight) -> None:
         """Fit what is estimated beside the object, in step k, by the pixels of the step. fall: factor on changes of
-        cameras and strengths, so that the last ones are means over many draws.
+        each camera and strength, so that the last ones are means over many draws.
         """
         unknown, cameras, strengths = self.look.unknown, self.look.cameras, self.look.strengths
         if unknown is not None and k % LIGHT_EVERY == 0:
