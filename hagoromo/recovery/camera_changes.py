@@ -76,7 +76,7 @@ class CameraChanges:
         pixels.move(turns, shifts)
 
     def step(self, rendering: Rendering, pixels: PixelTable, chunks: NDArray[np.integer], fall: float) -> None:
-        """Half a step of Gauss and Newton by some chunks of pixels; times `fall` for each camera, as few are its own."""
+        """Half a step of Gauss and Newton by some chunks of pixels, times `fall` for each camera: few are its own."""
         drawn = pixels.of(chunks)
         base = rendering.light(drawn)
         rest = [value - light for value, light in zip(drawn.values, base.channels, strict=True)]
