@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 from collections import deque
 from collections.abc import Container, Iterator
@@ -17,6 +18,11 @@ from hagoromo.files.stores import state as state_in_store
 
 PIECE = 1 << 20  # bytes read at a time
 Named = tuple[str, Path]
+
+
+def digest(record: Any) -> str:
+    """Digest of plain data (what JSON holds): equal where its values are, whatever the order of its keys."""
+    return hashlib.sha256(json.dumps(record, sort_keys=True).encode()).hexdigest()
 
 
 def content(path: str | Path, quick: bool = False) -> str:

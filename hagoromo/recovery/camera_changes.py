@@ -6,7 +6,6 @@ photographs are wrong each by its own: by half a pixel, as a rule.
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -15,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from hagoromo.files.content import digest
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.recovery.gloss_step import CORRELATED, robust
 from hagoromo.recovery.pixel_table import PixelTable
@@ -62,8 +62,7 @@ class CameraChanges:
 
     def name_of(self, photograph: Photograph) -> str:
         """That of its camera: photographs from one pose have one."""
-        pose = np.ascontiguousarray(photograph.camera.world_to_camera, np.float64)
-        return hashlib.sha256(pose.tobytes()).hexdigest()[:16] if self.each else ALL
+        return digest(photograph.camera.world_to_camera.tolist()) if self.each else ALL
 
     def _units(self, pixels: PixelTable) -> Array:
         """What moves the picture of the object by a pixel [rad, m]; seldom less, ahead."""

@@ -6,8 +6,6 @@ otherwise. The mean of all cannot be distinguished from brighter body colours: i
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -18,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from hagoromo.backend import Float, UInt, arrays, lookup
+from hagoromo.files.content import digest
 from hagoromo.light.lamp import Lamp
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.photograph.transforms import record_from_lamp
@@ -67,11 +66,11 @@ class Strengths:
         return dict(zip(self.names, self.values.tolist(), strict=True))
 
     def _of_lamp(self, lamp: Lamp) -> str:
-        return "lamp " + _digest(record_from_lamp(lamp)) if self.lamps else ""
+        return "lamp " + digest(record_from_lamp(lamp)) if self.lamps else ""
 
     def _of_photograph(self, photograph: Photograph) -> str:
         pose = photograph.camera.world_to_camera.tolist()
-        return "photograph " + _digest([photograph.name, pose]) if self.exposure else ""
+        return "photograph " + digest([photograph.name, pose]) if self.exposure else ""
 
     @property
     def factors(self) -> Array:
@@ -118,7 +117,3 @@ class Strengths:
             intensity = tuple(factor * x for x in np.atleast_1d(lamp.intensity))
             lamps.append(replace(lamp, intensity=intensity if isinstance(lamp.intensity, tuple) else intensity[0]))
         return replace(photograph, lamps=tuple(lamps))
-
-
-def _digest(record: object) -> str:
-    return hashlib.sha256(json.dumps(record, sort_keys=True).encode()).hexdigest()[:16]

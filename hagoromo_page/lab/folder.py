@@ -6,8 +6,6 @@ the window writes lies in the folder `lab` below: choices and corrections by han
 
 from __future__ import annotations
 
-import hashlib
-import json
 import os
 import re
 from collections import Counter
@@ -21,6 +19,7 @@ from msgspec import Meta, structs
 
 from hagoromo.errors import InputError
 from hagoromo.files.checks import existing_folder, inside
+from hagoromo.files.content import digest
 from hagoromo.files.raw import RAW_SUFFIXES
 from hagoromo.files.record import Record, about, decode, read_json, up_to, write_json
 from hagoromo.light.lamp import Lamp
@@ -222,7 +221,7 @@ class Folder:
 
     def read_digest(self, names: Iterable[str]) -> str:
         """Digest of names, sizes and times of files and folders; those of what is not there are none."""
-        return hashlib.sha256(json.dumps([self._fact(name) for name in names]).encode()).hexdigest()
+        return digest([self._fact(name) for name in names])
 
     def _fact(self, name: str) -> list[str | int]:
         if name not in self._facts:

@@ -15,7 +15,6 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import io
-import json
 import time
 from collections import deque
 from collections.abc import Iterator, Sequence
@@ -29,7 +28,7 @@ from hagoromo.app.batch.table import Outcome
 from hagoromo.app.verb import Written
 from hagoromo.cluster.cluster import Workers, here_or_on
 from hagoromo.errors import InputError
-from hagoromo.files.content import content
+from hagoromo.files.content import content, digest
 from hagoromo.files.leftovers import tidy
 from hagoromo.files.names import printable
 from hagoromo.files.record import read_json, save_json
@@ -96,11 +95,11 @@ def _digests(steps: Sequence[Step], ledger: Ledger, workers: Workers, dry_run: b
     stamps = {str(path): stamp(path) for path in {read.path for step in steps for read in step.inputs}}
     stale = [path for path, now in stamps.items() if known.get(path, [None, None])[1] != now]
     digests = {path: [known[path][0], now] for path, now in stamps.items() if known.get(path, [None, None])[1] == now}
-    for number, digest in workers.results(content, ((path,) for path in stale)):
-        digests[stale[number]] = [digest, stamps[stale[number]]]
+    for number, found in workers.results(content, ((path,) for path in stale)):
+        digests[stale[number]] = [found, stamps[stale[number]]]
     if stale and not dry_run:
         ledger.keep_digests(digests)
-    return {path: digest for path, (digest, _) in digests.items()}
+    return {path: found for path, (found, _) in digests.items()}
 
 
 def _check_own(steps: Sequence[Step], ledger: Ledger, fresh: set[int]) -> None:
@@ -254,7 +253,7 @@ def state(written: Written) -> str:
     if not written.files[0].exists():
         return "absent"
     sizes = [(file.name, file.stat().st_size) for place in written.there() for file in _files(place)]
-    return hashlib.sha256(json.dumps(sizes).encode()).hexdigest()
+    return digest(sizes)
 
 
 def _files(place: Path) -> list[Path]:
@@ -270,7 +269,7 @@ def keys_of(steps: Sequence[Step], digests: dict[str, str]) -> list[str]:
     for step in steps:
         reads = sorted((read.label, digests[str(read.path)]) for read in step.inputs)
         record = [__version__, step.says, step.out.suffix, reads, [keys[number] for number in step.needs]]
-        keys.append(hashlib.sha256(json.dumps(record).encode()).hexdigest())
+        keys.append(digest(record))
     return keys
 
 
@@ -282,5 +281,4 @@ def stamp(path: Path) -> list[Any]:
     if address(path):
         return [content(path)]
     stats = [(file.relative_to(path).as_posix(), file.stat()) for file in _files(path)]
-    text = json.dumps([(name, facts.st_size, facts.st_mtime_ns) for name, facts in stats])
-    return [hashlib.sha256(text.encode()).hexdigest()]
+    return [digest([(name, facts.st_size, facts.st_mtime_ns) for name, facts in stats])]

@@ -7,8 +7,6 @@ the points.
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -28,7 +26,7 @@ from hagoromo.camera.lens import COEFFICIENTS
 from hagoromo.camera.response import Response
 from hagoromo.errors import InputError
 from hagoromo.files.checks import existing_file
-from hagoromo.files.content import content
+from hagoromo.files.content import content, digest
 from hagoromo.files.memory import require
 from hagoromo.files.record import write_json, written_by
 from hagoromo.files.resumable import resumable_folder
@@ -173,7 +171,7 @@ def _structure(
         "lens": known,
         "auto": settings.turntable and given.auto,
     }
-    key = hashlib.sha256(json.dumps(made_of, sort_keys=True).encode()).hexdigest()
+    key = digest(made_of)
     if not force and (work / KEY).is_file() and existing_file(work / KEY).read_text(encoding="utf-8") == key:
         return read_structure(work, given.names, lens)
     if not force and work.is_dir() and any(work.iterdir()):
