@@ -131,13 +131,12 @@ class Samples:
     def bodies(self, interface: Float) -> Float:
         """(C, P) body colours by least squares of what the interface (K, P) leaves, less where light is missing."""
         body = dr.opaque(arrays().Float, -UNBOUNDED, dr.width(self.colour))  # a model below all values: no light misses
+
+        def add(at: _Sampled, weight: Any, value: Any) -> tuple[Any, Any]:
+            return weight * at.body * at.body, weight * at.body * (value - at.lobes)
+
         for _ in range(BODY_PASSES):
-            data = self
-
-            def add(at: _Sampled, weight: Any, value: Any, data: Samples = data) -> tuple[Any, Any]:
-                return weight * at.body * at.body, weight * at.body * (value - at.lobes)
-
-            power, total = data._sums(interface, body, add)
+            power, total = self._sums(interface, body, add)
             body = total / dr.fmax(power, 1e-30)
             evaluate(body)
             body = dr.fmax(body, LEAST_BODY * dr.fmax(dr.mean(body), 1e-30))

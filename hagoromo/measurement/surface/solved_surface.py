@@ -168,7 +168,6 @@ def solve_large(
     scratch: folder for temporary files. distance: first guess of the distance to the surface [m].
     workers: who solves the tiles; see `solve_tiles`.
     """
-
     progress(0.0, expected_time(source, 1 if workers is None else max(getattr(workers, "workers", 1), 1)))
     with tile_store(source, scratch, part_of(progress, 0.0, STORING_SHARE)) as store:
         coarse = solve_coarse(store, distance, None, part_of(progress, STORING_SHARE, COARSE_SHARE), model)
