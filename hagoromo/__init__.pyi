@@ -89,6 +89,8 @@ from .reflectance.material.material_estimate import MaterialEstimate as Material
 from .reflectance.material.materials_file import read_materials as read_materials, write_materials as write_materials
 from .measurement.measurement import Measurement as Measurement
 from .measurement.measure import measure as measure
+from .measurement.health.health import Check as Check, Health as Health
+from .measurement.health.examine import check_photographs as check_photographs
 from .measurement.sight import Sight as Sight
 from .measurement.observations import Observations as Observations
 from .measurement.material.material_fit import fit_material as fit_material

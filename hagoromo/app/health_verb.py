@@ -6,6 +6,7 @@ from pathlib import Path
 
 from tyro.conf import Positional
 
+import hagoromo as hg
 from hagoromo.app.verb import Force, Out, say, verb, verbs, wrote
 from hagoromo.files.whole import replaceable_file
 
@@ -20,11 +21,9 @@ def health(capture: Positional[Path], out: Out, force: Force = False) -> None:
         capture: folder with transforms.json, its lamps known.
     """
     from hagoromo.files.record import save_json, written_by
-    from hagoromo.measurement.health.examine import examine
-    from hagoromo.measurement.surface.solved_surface import coarse_or_whole
 
     replaceable_file(out, force)
-    found = examine(coarse_or_whole(capture)).health
+    found = hg.check_photographs(capture)
     save_json(out, {"hagoromo": written_by(), **found.record()}, force)
     say(*(check.sentence for check in found.checks))
     wrote(out)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from hagoromo.measurement.health.order import order_check
 from hagoromo.measurement.health.pictures import blur_check, mask_check, motion_check
 from hagoromo.measurement.health.shading import ShadingSample, shading_of
 from hagoromo.measurement.photograph_checks import linearity_of, moved, why_not_tested
+from hagoromo.measurement.surface.solved_surface import coarse_or_whole
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.exponent import Exponent
 
@@ -44,6 +46,13 @@ class Examined:
         said = f"nobody stated them: fitted to the photographs, which differ by {100 * lamps.spread:.0f} %"
         taken = with_strengths(capture, lamps)
         return replace(taken, assumptions={**capture.assumptions, "strengths": said})
+
+
+def check_photographs(capture: Capture | str | Path) -> Health:
+    """The checks of a capture, or of that of a folder: whether its photographs are in order, sharp, unmoved, and lit as
+    is stated. `measure` makes them, too. Photographs that are too large to be solved as one are checked reduced.
+    """
+    return examine(capture if isinstance(capture, Capture) else coarse_or_whole(capture)).health
 
 
 def examine(capture: Capture, shifts: Mapping[str, tuple[float, float]] | None = None) -> Examined:
