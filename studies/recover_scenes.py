@@ -75,13 +75,14 @@ class Shots:
 class Simulated:
     """A capture, and the exact light of each photograph (h, w, 3), its normals (h, w, 3) and points, NaN beside it.
 
-    cameras: the true ones, where those of the capture are misstated.
+    strengths: true ones of the photographs' first lamps. cameras: the true ones, where the capture has others.
     """
 
     capture: hg.Capture
     exact: list[Array] = field(default_factory=list)
     normals: list[Array] = field(default_factory=list)
     points: list[Array] = field(default_factory=list)
+    strengths: list[float] = field(default_factory=list)
     cameras: list[hg.Camera] = field(default_factory=list)
 
 
@@ -125,7 +126,11 @@ def simulated(truth: Truth, taken: Shots, seed: int = 0, noise: bool = True) -> 
             for held, new in ((out.exact, light), (out.normals, normals), (out.points, points)):
                 held.append(new)
             photographs.append(_photograph(light, share, camera, lamp, random if noise else None, len(photographs)))
-    return Simulated(hg.Capture(tuple(photographs), "simulated"), out.exact, out.normals, out.points)
+    capture, strengths = (
+        hg.Capture(tuple(photographs), "simulated"),
+        [float(np.mean(p.lamps[0].intensity)) for p in photographs],
+    )
+    return Simulated(capture, out.exact, out.normals, out.points, strengths)
 
 
 def misstated(taken: Simulated, pixels: float, share: float, seed: int = 0) -> Simulated:

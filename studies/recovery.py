@@ -11,7 +11,7 @@ from __future__ import annotations
 import argparse
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from statistics import NormalDist
@@ -45,7 +45,9 @@ class Row:
     """Scores of a case. new, far: PSNR of new views under lamps like those taken, and under lamps from the side [dB].
     normals: mean and median error [°]. surface: mean distance of true points from the surface, % of the lattice's edge.
     beta, gamma: error [%]. held: whether both are in their 95 % intervals. covered: share [%] of the true points, of
-    which 95 % intervals of position, normal and body colour hold the truth; None where errors are not stated.
+    which 95 % intervals of position, normal and body colour hold the truth; None where errors are not stated. cameras,
+    strengths: what was found of them. strengths_off: standard deviation [%] of lamps' strengths over the true ones, as
+    stated and as found.
     """
 
     case: str
@@ -59,6 +61,9 @@ class Row:
     held: bool
     covered: tuple[float, float, float] | None
     seconds: float
+    cameras: str
+    strengths: str
+    strengths_off: tuple[float, float]
 
 
 def flash(count: int) -> Shots:
@@ -107,7 +112,8 @@ def measured(case: str, given: Case, aside: tuple[Simulated, Simulated], truth: 
         aside = aligned(aside[0], photographed.cameras, cameras), aligned(aside[1], photographed.cameras, cameras)
     shown = shape_errors(found, aside[0])
     angles, distances = shown.angles, shown.distances
-    material = found.record()["material"]
+    record = found.record()
+    material = record["material"]
     true = {"beta": truth.beta, "gamma": truth.gamma}
     held = all(material["interval_95"][k][0] <= v <= material["interval_95"][k][1] for k, v in true.items())
     edge = max(found.lattice.shape) * found.lattice.voxel
@@ -116,7 +122,15 @@ def measured(case: str, given: Case, aside: tuple[Simulated, Simulated], truth: 
         case, given.side, scores[0], scores[1], normals,
         100.0 * float(distances.mean()) / edge, 100.0 * (found.beta / truth.beta - 1.0),
         100.0 * (found.gamma / truth.gamma - 1.0), held, covered(found, shown, truth), seconds,
+        str(record["cameras"]), str(record["strengths"]),
+        (strengths_off(capture.photographs, photographed), strengths_off(found.photographs, photographed)),
     )  # fmt: skip
+
+
+def strengths_off(photographs: Sequence[hg.Photograph], photographed: Simulated) -> float:
+    """Standard deviation of the logarithms of lamps' strengths over the true ones [%]."""
+    pairs = zip(photographs, photographed.strengths, strict=True)
+    return 100.0 * float(np.std([np.log(np.mean(p.lamps[0].intensity) / true) for p, true in pairs]))
 
 
 def psnr(found: hg.Recovered, aside: Simulated) -> float:

@@ -53,6 +53,7 @@ def test_the_command_writes_and_prints_the_checks_of_a_folder(glossy, tmp_path, 
     assert main(["health", str(tmp_path / "capture"), "--out", str(tmp_path / "health.json")]) == 0
     found = examine(load_capture(tmp_path / "capture")).health
     assert Health.from_record(read_json(tmp_path / "health.json"), "health.json") == found
+    assert hg.check_photographs(tmp_path / "capture") == found == hg.check_photographs(exchanged(glossy))
     assert [one.name for one in found.doubtful] == ["order"]
     assert capsys.readouterr().out.splitlines()[:-1] == [one.sentence for one in found.checks]
 

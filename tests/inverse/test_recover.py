@@ -12,6 +12,7 @@ from hagoromo.recovery.errors import NEAR
 from hagoromo.recovery.export import conserving
 from hagoromo.recovery.recovered import score
 from studies.recover_scenes import Truth, aligned, misstated, shots, simulated
+from studies.recovery import strengths_off
 
 SETTINGS = hg.RecoverySettings(side=32, steps=80, rays=1 << 14, keep=0, errors=False)
 VOXEL = 0.0035  # m, about that of this lattice
@@ -293,12 +294,6 @@ def test_silhouettes_survive_a_file(taken, tmp_path):
     for one, other in zip(read.photographs, taken.capture.photographs, strict=True):
         assert one.silhouette is not None and other.silhouette is not None
         assert np.array_equal(one.silhouette, other.silhouette) and np.array_equal(one.mask, other.mask)
-
-
-def strengths_off(photographs, exact):
-    """Standard deviation of the logarithms of lamps' strengths over the true ones."""
-    pairs = zip(photographs, exact.capture.photographs, strict=True)
-    return np.std([np.log(p.lamps[0].intensity / np.mean(q.lamps[0].intensity)) for p, q in pairs])
 
 
 def test_strengths_that_are_wrong_are_refined_and_their_mean_stays(taken):
