@@ -40,14 +40,17 @@ GLOSSY = {
 }
 
 
-def glossy_object(name: str, seed: int = 0, size: int = 120) -> tuple[hg.Capture, Array]:
-    """The capture of an object of GLOSSY, of unknown shape, and its true normals (h, w, 3), 0 beside it."""
+def glossy_object(name: str, seed: int = 0, size: int = 120, lamps: int | None = None) -> tuple[hg.Capture, Array]:
+    """The capture of an object of GLOSSY, of unknown shape, and its true normals (h, w, 3), 0 beside it.
+
+    lamps: how many; None: LAMPS.
+    """
     random, gloss = np.random.default_rng([seed, sorted(GLOSSY).index(name)]), GLOSSY[name]
     camera = hg.Camera(size, size, (FOCAL, FOCAL), (size / 2, size / 2), name="simulated")
     camera = camera.look_at((0.0, 0.0, FOCAL * PIXEL), (0.0, 0.0, 0.0), up=(0.0, 1.0, 0.0))
     points, normals, on_object = _dome(random, size)
     body = _body(random, size)
-    directions = _lamps(random)
+    directions = _lamps(random, LAMPS if lamps is None else lamps)
     values = []
     for direction in directions:
         light = _reflected(normals, direction, gloss, body) * lit_share(points, camera, direction)[..., None]
@@ -92,10 +95,10 @@ def _body(random: np.random.Generator, size: int) -> Array:
     return (1.0 + 0.2 * noise / noise.std())[..., None] * np.array([0.10, 0.07, 0.05])
 
 
-def _lamps(random: np.random.Generator) -> Array:
-    """(LAMPS, 3) unit directions, evenly over a cap about the camera's axis (world: z to the camera)."""
-    k = np.arange(LAMPS) + 0.5
-    cosine = 1.0 - (1.0 - np.cos(np.radians(LARGEST_TILT))) * k / LAMPS
+def _lamps(random: np.random.Generator, count: int) -> Array:
+    """(count, 3) unit directions, evenly over a cap about the camera's axis (world: z to the camera)."""
+    k = np.arange(count) + 0.5
+    cosine = 1.0 - (1.0 - np.cos(np.radians(LARGEST_TILT))) * k / count
     turn = np.pi * (1.0 + np.sqrt(5.0)) * k + random.uniform(0.0, 2.0 * np.pi)
     sine = np.sqrt(1.0 - cosine**2)
     return np.stack([sine * np.cos(turn), sine * np.sin(turn), cosine], axis=1)
