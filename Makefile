@@ -6,6 +6,8 @@ PEERS := .venv/peers
 LOWEST := .venv/lowest
 TOOLS := .venv/pins
 INSTALL := -m pip install --quiet --disable-pip-version-check --only-binary=:all:
+QUIET := --output-format min-text --min-severity error
+PACKAGES := hagoromo hagoromo_formats hagoromo_matter hagoromo_page hagoromo_start
 OWN := --no-deps --no-build-isolation -e .
 
 .PHONY: help setup demo test test-all test-slow mutants data docs bench figures fuzz crash package platforms schemas cycles constraints audit lowest
@@ -35,7 +37,7 @@ demo: $(READY) ## the paper from end to end, into out/demo/report.html
 test: $(READY) ## style, types, layers, and every quick test: what .ci/run and the workflow run
 	$(BIN)/ruff check --quiet .
 	$(BIN)/ruff format --check --quiet .
-	$(BIN)/pyright --pythonpath $(BIN)/python
+	$(BIN)/pyrefly check $(QUIET)
 	$(BIN)/lint-imports --no-cache
 	$(BIN)/pytest -n 2 --dist worksteal -m "not slow and not nightly"
 
@@ -43,8 +45,8 @@ test-all: $(READY) ## every test that is not slow: those in a browser, with real
 	$(BIN)/pytest -n 2 --dist worksteal -m "not slow"
 
 platforms: $(READY) ## types as on Windows and on macOS: a call that one of them lacks fails
-	$(BIN)/pyright --pythonpath $(BIN)/python --pythonplatform Windows hagoromo hagoromo_formats hagoromo_matter hagoromo_page hagoromo_start
-	$(BIN)/pyright --pythonpath $(BIN)/python --pythonplatform Darwin hagoromo hagoromo_formats hagoromo_matter hagoromo_page hagoromo_start
+	$(BIN)/pyrefly check $(QUIET) --python-platform win32 $(PACKAGES)
+	$(BIN)/pyrefly check $(QUIET) --python-platform darwin $(PACKAGES)
 
 package: $(READY) ## wheel and sdist, into out/package, after the tests that look into both and install the wheel
 	$(BIN)/pytest -q tests/app/test_packaging.py

@@ -35,10 +35,10 @@ def main() -> None:
         start = time.process_time()
         _line(f"ours, {levels} grid{'s' * (levels - 1)}", start, ours(levels))
     try:
-        import warp  # pyright: ignore[reportMissingImports]
+        import warp
 
         warp.config.quiet = True
-        import newton  # noqa: F401  # pyright: ignore[reportMissingImports]
+        import newton  # noqa: F401
     except ImportError:
         print("Newton is not installed: pip install --only-binary :all: -r benchmarks/newton.txt")
         return
@@ -78,8 +78,8 @@ def ours(levels: int) -> Sheet:
 
 def newtons(iterations: int, seconds: float) -> Sheet:
     """The drape of Newton, in g, mm and s. Membrane stiffness: STRAIN under the weight of the cloth's length."""
-    import newton  # pyright: ignore[reportMissingImports]
-    import warp as wp  # pyright: ignore[reportMissingImports]
+    import newton
+    import warp as wp
 
     columns, rows = (round(length / SPACING) for length in SIZE)
     cell = SIZE[0] / columns, SIZE[1] / rows

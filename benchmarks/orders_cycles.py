@@ -10,9 +10,9 @@ import sys
 import time
 from pathlib import Path
 
-import bpy  # pyright: ignore[reportMissingImports]
+import bpy
 import numpy as np
-from mathutils import Matrix, Vector  # pyright: ignore[reportMissingImports]
+from mathutils import Matrix, Vector
 
 sys.path += glob.glob(sys.prefix + "/lib/python*/site-packages/bpy/*/python/lib/python*/site-packages")
 
@@ -22,7 +22,7 @@ BOUNCES = 1024
 
 def volume(job, folder):
     """The lattice as a volume object."""
-    import openvdb  # pyright: ignore[reportMissingImports]
+    import openvdb
 
     held = np.load(folder / "lattice.npz")
     size = job["edges"][0] / held["extinction"].shape[2]

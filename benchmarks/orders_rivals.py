@@ -62,7 +62,7 @@ def half_cube(mi: Any) -> Any:
 
 def at_550(lamp: hg.Lamp) -> float:
     """Intensity of a lamp at the wavelength that is compared."""
-    return float(lamp.intensity * lamp.spectrum.at(WAVELENGTH))
+    return float(np.mean(lamp.intensity) * lamp.spectrum.at(WAVELENGTH))
 
 
 class Mitsuba:

@@ -29,7 +29,7 @@ class MiddleOfPixel(mi.Sensor):
         self.size = mi.ScalarVector2f(width, height)
         self.lens = mi.load_dict({"type": "perspective", **lens(), "film": film(width, height)})
 
-    def sample_ray_differential(self, time: Any, wavelength: Any, position: Any, aperture: Any, active: Any) -> Any:
+    def sample_ray_differential(self, time: Any, wavelength: Any, position: Any, aperture: Any, active: Any) -> Any:  # pyrefly: ignore[bad-override-param-name]
         """A ray through the middle of the pixel that `position` (0…1) lies in."""
         middle = (mi.Point2f(mi.Point2u(position * self.size)) + 0.5) / self.size
         return self.lens.sample_ray_differential(time, wavelength, middle, aperture, active)

@@ -1,6 +1,5 @@
 """A march as a user of Numba writes it: a dense grid, trilinear, equal steps, shadows by marching to every lamp."""
 
-# pyright: reportMissingImports=false
 from __future__ import annotations
 
 import math

@@ -3,7 +3,6 @@
 Steps of half a voxel, opacity 1 − exp(−σΔ) from a table; the picture is read from the window, 8 bits a channel.
 """
 
-# pyright: reportMissingImports=false
 from __future__ import annotations
 
 import math

@@ -4,7 +4,6 @@ They come with an isotropic phase function only. Under one far lamp the phase fu
 for every pixel, and the picture is multiplied by it.
 """
 
-# pyright: reportMissingImports=false
 from __future__ import annotations
 
 from collections.abc import Callable

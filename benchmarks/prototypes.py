@@ -34,10 +34,10 @@ def prototype_frames() -> dict[str, Frame]:
         sys.path.insert(0, folder)
         sys.argv = sys.argv[:1]  # the scripts read theirs when they are imported
         try:
-            import mkgrid  # pyright: ignore[reportMissingImports]
+            import mkgrid
 
             np.save("vox256.npy", mkgrid.make(256))
-            import q2  # pyright: ignore[reportMissingImports]
+            import q2
         finally:
             os.chdir(here)
 

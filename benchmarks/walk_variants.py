@@ -174,7 +174,7 @@ def measured(guided: Guided, walks: int, rounds: int) -> list[dict[str, Any]]:
     for seed in range(1, rounds + 1):
         for variant in VARIANTS:
             found[variant].append(picture(guided, variant, walks, seed))
-    rows = []
+    rows: list[dict[str, Any]] = []
     for variant, values in found.items():
         mean, variance, taken = (float(np.median([value[k] for value in values])) for k in range(3))
         rows.append({"variant": variant, "mean": mean, "variance": variance, "cpu_s": taken})

@@ -61,8 +61,9 @@ def array_v2(folder: Path, codec: str = "zlib") -> None:
         "lz4": numcodecs.LZ4(),
         "bz2": numcodecs.BZ2(),
     }
+    filters: Any = [numcodecs.Shuffle(4)] if codec == "lz4" else None
     array: Any = zarr.create_array(
         folder, shape=DENSITY.shape, dtype="float32", chunks=(4, 4, 4), compressors=known[codec], zarr_format=2,
-        filters=[numcodecs.Shuffle(4)] if codec == "lz4" else None, fill_value=0,
+        filters=filters, fill_value=0,
     )  # fmt: skip
     array[:] = DENSITY

@@ -78,7 +78,7 @@ def watch(folder: Path, kill_at: int | None, count: Path | None) -> None:
         sync(number)
 
     file = os.open(count, os.O_RDWR | os.O_CREAT) if count is not None else -1
-    os.fsync = synced
+    os.fsync = synced  # pyrefly: ignore[bad-assignment]
     sys.addaudithook(heard)
 
 

@@ -51,6 +51,7 @@ class Visitor:
 
     def __init__(self, address: str) -> None:
         from websockets.sync.client import connect
+        from websockets.typing import Origin, Subprotocol
 
         place = urlsplit(address)
         home = f"{place.hostname}:{place.port}"
@@ -59,8 +60,8 @@ class Visitor:
             link.request("GET", f"/?{place.query}")
             cookie = (link.getresponse().getheader("Set-Cookie") or "").partition(";")[0]
         self.socket: Any = connect(
-            f"ws://{home}/", origin=f"http://{home}", additional_headers={"Cookie": cookie},  # pyright: ignore
-            subprotocols=[f"viser-v{version('viser')}"], max_size=1 << 28, ping_interval=None,  # pyright: ignore
+            f"ws://{home}/", origin=Origin(f"http://{home}"), additional_headers={"Cookie": cookie},
+            subprotocols=[Subprotocol(f"viser-v{version('viser')}")], max_size=1 << 28, ping_interval=None,
         )  # fmt: skip
         self.widgets: dict[str, str] = {}
         self.offered: list[Message] = []

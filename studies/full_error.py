@@ -157,7 +157,7 @@ def main(
         if only in title and title not in rows:
             print(title, flush=True)
             rows[title] = row(title, make(recipes, pixels), walks)
-            record = {"hagoromo": hg.__version__, "pixels": pixels, "walks": walks}
+            record: dict[str, Any] = {"hagoromo": hg.__version__, "pixels": pixels, "walks": walks}
             record["rows"] = [rows[name] for name in SCENES if name in rows]
             hg.write_json(out / "results.json", record)
     page = hg.page_text("full_error.md.j2", "studies", block=BLOCK, **hg.read_json(out / "results.json"))

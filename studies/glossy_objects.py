@@ -65,7 +65,7 @@ def glossy_object(name: str, seed: int = 0, size: int = 120, lamps: int | None =
         stated = direction + np.radians(DIRECTION_ERROR) * random.normal(size=3)
         lamp = hg.Lamp(to_lamp=stated / np.linalg.norm(stated), intensity=np.pi / white, name=f"lamp {number}")
         photographs.append(
-            hg.Photograph(read, variance, valid, camera, (lamp,), f"{name} {number}"),
+            hg.Photograph(read, variance, valid, camera, (lamp,), f"{name} {number}"),  # pyrefly: ignore[bad-argument-type]
         )
     return hg.Capture(tuple(photographs), name), np.where(on_object[..., None], normals, 0.0)
 

@@ -130,10 +130,8 @@ def _rows(tasks: list[tuple[Any, ...]], kept: Path, scheduler: str | int | None,
             with hg.whole_file(files[left[k]]) as file:
                 hg.write_json(file, asdict(row))
             progress((len(tasks) - len(left) + more) / len(tasks), row.material)
-    return [
-        Row(**{**hg.read_json(file), "interface_colour": tuple(hg.read_json(file)["interface_colour"])})
-        for file in files
-    ]
+    rows: list[dict[str, Any]] = [hg.read_json(file) for file in files]
+    return [Row(**row | {"interface_colour": tuple(row["interface_colour"])}) for row in rows]
 
 
 def summary(rows: list[Row]) -> dict[str, Any]:

@@ -73,7 +73,13 @@ def orders_study(
             images, seconds = images_of(scenes[name], samples, mend=False)
             rows.append(row(subject.title, images, seconds))
             shown[name] = images
-        record = {"hagoromo": hg.__version__, "pixels": pixels, "samples": samples, "seed": 0, "rows": rows}
+        record: dict[str, Any] = {
+            "hagoromo": hg.__version__,
+            "pixels": pixels,
+            "samples": samples,
+            "seed": 0,
+            "rows": rows,
+        }
         if {"linen", "backlit"} <= set(shown):
             progress(0.9, "colour of white linen")
             photographs = {"front": shown["linen"]["path"], "behind": shown["backlit"]["path"]}
@@ -167,7 +173,8 @@ def plot(path: Path, shown: Mapping[str, Mapping[str, hg.Image]]) -> None:
             axis.imshow(hg.srgb_encode(np.clip(white * linear[mode], 0.0, 1.0)))
         light = {mode: in_blocks(images[mode].xyz()[..., 1].astype(float)) for mode in MODES}
         ends = {"vmin": -100.0 * LARGEST_SHOWN, "vmax": 100.0 * LARGEST_SHOWN}
-        for axis, mode in zip(line[-2:], ("march", "full"), strict=True):
+        rivals: tuple[Mode, ...] = "march", "full"
+        for axis, mode in zip(line[-2:], rivals, strict=True):
             difference = 100.0 * (light[mode] - light["path"]) / light["path"].mean()
             last = axis.imshow(difference, cmap="RdBu_r", **ends)
         line[0].set_ylabel(title, fontsize=10)

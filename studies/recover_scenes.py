@@ -178,7 +178,7 @@ def aligned(seen: Simulated, true: Sequence[hg.Camera], found: Sequence[hg.Camer
         replace(
             p,
             camera=p.camera.with_pose(p.camera.world_to_camera @ np.linalg.inv(motion)),
-            lamps=tuple(replace(lamp, position=tuple(motion[:3, :3] @ lamp.place + t)) for lamp in p.lamps),
+            lamps=tuple(replace(lamp, position=motion[:3, :3] @ lamp.place + t) for lamp in p.lamps),
         )
         for p in seen.capture.photographs
     ]

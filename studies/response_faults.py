@@ -188,7 +188,7 @@ def fault_score(case: Case, cameras: Mapping[str, hg.Response], seed: int = 0) -
 def calibrated(case: Case, readings: Array, camera: hg.Response) -> hg.ResponseCalibration:
     """The calibration from readings (3, pairs), `camera` left out of the mean of published cameras."""
     matrix, lamps = case.layout
-    given = dict(zip("RGB", readings, strict=True))
+    given: dict[str, Array] = dict(zip(("R", "G", "B"), readings, strict=True))
     priors = partial(priors_without, camera)
     said: tuple[str, ...] = ()
     if case.falloff_fitted:

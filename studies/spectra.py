@@ -50,7 +50,11 @@ def spectra_study(
             rows += [Row(case.name, "D65", name, of, {}) for name, of in study_rivals(case, cameras).items()]
         progress(0.55, "recoveries")
         rows += [Row("chart", "D65", name, of, {}) for name, of in study_recoveries(chart, few).items()]
-        record = {"hagoromo": hg.__version__, "noise": SPECTRA_NOISE, "rows": [row.record() for row in rows]}
+        record: dict[str, Any] = {
+            "hagoromo": hg.__version__,
+            "noise": SPECTRA_NOISE,
+            "rows": [row.record() for row in rows],
+        }
         record["cameras"] = list(bench.cameras)
         hg.write_json(home / "results.json", record)
         write_spectra_report(home / "report.html", record, rows, chart, bench)

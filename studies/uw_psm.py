@@ -68,7 +68,7 @@ def shrunk(capture: hg.Capture, times: int) -> hg.Capture:
 
     photographs = []
     for one in capture.photographs:
-        camera, mask = one.camera, blocks(one.mask).all(axis=(1, 3))
+        camera, mask = one.camera, np.asarray(blocks(one.mask).all(axis=(1, 3)), np.bool_)
         coarse = camera.resampled(camera.width // times, camera.height // times, (times, times))
         camera = replace(coarse, sensor=camera.sensor)
         values = blocks(np.where(one.mask[..., None], one.values, 0.0)).mean(axis=(1, 3))

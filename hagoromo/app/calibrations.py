@@ -130,7 +130,9 @@ def calibrate_lamps(
                 photographs, object, camera=camera, transfer=transfer, progress=progress
             )
         else:
-            matte = reference and hg.MatteReference(reference, reflectance, reference_normal, reference_radius)
+            matte = None
+            if reference is not None:
+                matte = hg.MatteReference(reference, reflectance, reference_normal, reference_radius)
             result = hg.calibrate_lamps(
                 photographs, mask, moved=moved, radius=radius, camera=camera, reference=matte, mirror=mirror,
                 transfer=transfer, progress=progress,

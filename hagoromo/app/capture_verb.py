@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from tyro.conf import Positional
 
@@ -81,7 +81,7 @@ def capture(
     from hagoromo.photograph.session import session
 
     replaceable_folder(out, force)
-    stated = asdict(sensor)
+    stated: dict[str, Any] = asdict(sensor)
     developing = hg.Developing(
         exposures_s=stated.pop("exposures"), darks=dark, dark_exposures_s=dark_exposures, flats=flat, bracket=bracket,
         bracket_exposures_s=bracket_exposures, **stated,

@@ -17,7 +17,7 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import tyro
 from tyro.conf import Positional
@@ -195,7 +195,7 @@ def develop(
     from hagoromo.photograph.development.development import check_exr_name
 
     replaceable_file(check_exr_name(out), force)
-    stated = asdict(sensor)
+    stated: dict[str, Any] = asdict(sensor)
     development = hg.develop(
         photographs, darks=dark, dark_exposures_s=dark_exposures, flats=flat, exposures_s=stated.pop("exposures"),
         demosaic=demosaic, undistort=undistort, **stated,

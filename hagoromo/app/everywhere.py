@@ -65,7 +65,7 @@ def everywhere(options: Everywhere) -> Iterator[None]:
         os.environ[ALLOWED] = os.pathsep.join([*options.allow, *filter(None, [allowed])])
     try:
         with warnings.catch_warnings():
-            warnings.showwarning = lambda message, *_: LOG.warning("%s", message)
+            warnings.showwarning = lambda message, *_, **__: LOG.warning("%s", message)
             yield
     finally:
         LOG.removeHandler(handler)

@@ -72,7 +72,7 @@ def render(
     turn = turn_of(turntable, camera_orbit, lamp_orbit)
     choices = {"tolerance": tolerance, "samples": samples, "seed": seed}
     choices |= {"error": error, "seconds": time, "walks": walks}
-    stated = {key: value for key, value in choices.items() if value is not None}
+    stated: dict[str, Any] = {key: value for key, value in choices.items() if value is not None}
     if is_film(out, turn):
         if resume or layers or denoise or separate_lamps or display:
             raise InputError(

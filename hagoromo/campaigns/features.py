@@ -107,7 +107,7 @@ def _matches(
     """Image points (m, 2) [px] of features in one picture, and of those in the other that look the same."""
     import cv2
 
-    detector = cv2.SIFT_create(contrastThreshold=0.02)  # pyright: ignore[reportAttributeAccessIssue]
+    detector = cv2.SIFT_create(contrastThreshold=0.02)  # pyrefly: ignore[missing-attribute]
     points, descriptions = [], []
     for picture, mask, factor in (a, b):
         keys, described = detector.detectAndCompute(picture, mask)

@@ -65,7 +65,7 @@ def _result(task: dict[str, Any], channel: socket.socket | None) -> tuple[dict[s
         os.environ.pop(ALLOWED, None)
         os.environ.update({} if task["allowed"] is None else {ALLOWED: task["allowed"]})
         _bound(task["seconds"])
-        read = reduce(getattr, name.split("."), __import__(module, fromlist=["_"]))
+        read: Any = reduce(getattr, name.split("."), __import__(module, fromlist=["_"]))
         arrays = {name: np.asarray(array) for name, array in read(Path(task["path"]), *task["given"]).items()}
         layout, size = layout_of(arrays)
         if channel is not None and size >= SHARED_FROM:

@@ -202,7 +202,7 @@ def _users_place() -> Path:
 def _why_not(folder: Path) -> str:
     """Why a folder is not to be trusted, or not to be used; where others cannot write, entries are the user's own."""
     facts = folder.stat()
-    if sys.platform != "win32" and (facts.st_uid != os.geteuid() or facts.st_mode & 0o022):
+    if sys.platform != "win32" and (facts.st_uid != os.geteuid() or facts.st_mode & 0o022):  # pyrefly: ignore[missing-attribute]
         return f"{folder} is another user's, or others may write to it"
     if not os.access(folder, os.R_OK | os.W_OK | os.X_OK):
         return f"{folder} cannot be written to"

@@ -85,7 +85,8 @@ class Format:
 def function_at(place: str) -> Callable[..., Any]:
     """The function at "module:name"."""
     module, _, name = place.partition(":")
-    return reduce(getattr, name.split("."), import_module(module))
+    found: Any = reduce(getattr, name.split("."), import_module(module))
+    return found
 
 
 @cache

@@ -49,7 +49,9 @@ def read_raw(path: str | Path) -> Raw:
         read_exif(path),
         dict(zip(("exposure_s", "iso", "f_number", "focal_mm"), stored["other"], strict=True)),
     )
-    known = {name: getattr(exif, name) or float(value) or None for name, value in other.items()}  # not of TIFF's kind
+    known: dict[str, Any] = {
+        name: getattr(exif, name) or float(value) or None for name, value in other.items()
+    }  # not of TIFF's kind
     return Raw(
         stored["numbers"], str(stored["mosaic"]), stored["black"], float(stored["white"]), replace(exif, **known)
     )

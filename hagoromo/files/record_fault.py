@@ -129,7 +129,7 @@ def _wanted(kind: inspect.Type) -> str:
         if not kind.pattern.startswith(CHOICE):
             return f"a text of the form {kind.pattern}"
         return "one of " + ", ".join(name.replace("\\", "") for name in kind.pattern[len(CHOICE) : -2].split("|"))
-    names = {inspect.StrType: "a text", inspect.BoolType: "true or false"}
+    names: dict[type, str] = {inspect.StrType: "a text", inspect.BoolType: "true or false"}
     return names.get(type(kind), "a table of keys")
 
 

@@ -148,13 +148,13 @@ def resampled(values: NDArray[Any], edges: Sequence[float], edge: float) -> NDAr
     """
     counts = [max(round(n * e / edge), 2) for n, e in zip(values.shape, reversed(list(edges)), strict=True)]
     require(16.0 * math.prod(map(max, zip(counts, values.shape, strict=True))), "the resampled volume")
-    even = values.astype(np.float32)
+    even: NDArray[np.float32] = values.astype(np.float32)
     for axis, (count, old) in enumerate(zip(counts, reversed(list(edges)), strict=True)):
         at = np.clip((np.arange(count) + 0.5) * edge / old - 0.5, 0.0, values.shape[axis] - 1.0)
         low = np.minimum(at.astype(int), max(values.shape[axis] - 2, 0))
         share = (at - low).astype(np.float32).reshape([-1 if k == axis else 1 for k in range(3)])
         high = np.minimum(low + 1, values.shape[axis] - 1)
-        even = (1.0 - share) * even.take(low, axis) + share * even.take(high, axis)
+        even = np.asarray((1.0 - share) * even.take(low, axis) + share * even.take(high, axis), np.float32)
     return even
 
 

@@ -85,7 +85,7 @@ class _BoundedCodec(BytesBytesCodec):
     def to_dict(self) -> Any:
         return self.codec.to_dict()
 
-    async def _decode_single(self, chunk_bytes: Any, chunk_spec: Any) -> Any:
+    async def _decode_single(self, chunk_bytes: Any, chunk_spec: Any) -> Any:  # pyrefly: ignore[bad-override-param-name]
         size = math.prod(chunk_spec.shape) * chunk_spec.dtype.to_native_dtype().itemsize
         most = size if self.exact else int(packed_limit(size))
         settings = self.codec.to_dict().get("configuration", {})

@@ -310,7 +310,7 @@ def _camera(record: dict[str, Any], folder: Path, where: str) -> Camera:
     return camera.with_pose(np.reshape(np.array(key.world_to_camera), (4, 4)))
 
 
-def _aperture(key: SceneCamera, where: str) -> dict[str, float]:
+def _aperture(key: SceneCamera, where: str) -> dict[str, Any]:
     """Aperture and focus of a camera [m]."""
     if key.aperture_mm is None and key.f_number is None:
         if key.focus_mm is not None:
@@ -347,7 +347,7 @@ def _box(record: dict[str, Any], folder: Path, where: str, read: Readers) -> Vol
             f"{where}: extinction is {key.extinction!r}, the box's texel was matched for {box.extinction!r}: "
             f"state it in the recipe and build the box again"
         )
-    stated = {"tau": key.tau, "name": key.name, "extinction": key.extinction}
+    stated: dict[str, Any] = {"tau": key.tau, "name": key.name, "extinction": key.extinction}
     box = replace(box, **{name: value for name, value in stated.items() if value is not None})
     if key.materials is not None:
         listed = [

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -156,6 +156,7 @@ def light_of(frame: ExposureFrame, noise: Noise, dark: Dark | None = None, flat:
     if flat is not None:
         spoilt, signal = spoilt | ~flat.usable, signal / np.where(flat.usable, flat.share, np.float32(1.0))
         model = model.over(flat)
+    signal = np.asarray(signal, np.float32)
     if exposure.mosaic:
         values, valid = interpolated(signal, exposure.mosaic), ~spoilt_by(spoilt)
     else:
@@ -269,7 +270,7 @@ def _middle_of(shape: tuple[int, ...]) -> tuple[slice, slice]:
 def _middle(exposure: Exposure) -> Exposure:
     """The middle of an exposure."""
     place = _middle_of(exposure.signal.shape)
-    parts = {
+    parts: dict[str, Any] = {
         name: part[place]
         for name in ("signal", "full", "rounding", "curve")
         if isinstance(part := getattr(exposure, name), np.ndarray)

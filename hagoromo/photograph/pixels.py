@@ -166,7 +166,9 @@ def _from_exr(
     valid = np.asarray(finite & np.isfinite(variance).all(axis=2), np.bool_)
     if ALPHA in layers:
         valid &= layers[ALPHA] == 1.0
-    return DevelopedPixels(values / np.float32(scale), variance / np.float32(scale**2), valid, native, None)
+    return DevelopedPixels(
+        values / np.float32(scale), np.asarray(variance / np.float32(scale**2), np.float32), valid, native, None
+    )
 
 
 def _opaque(image: NDArray) -> tuple[NDArray, NDArray[np.bool_]]:

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from msgspec import Meta, to_builtins
+from msgspec import Meta, structs, to_builtins
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
@@ -168,7 +168,7 @@ class Rig:
             at = np.mean(np.log(lamp.strength)) + np.dot(lamp.slope, place)
             factor = float(np.exp((share - 1.0) * at))
             strength = tuple(float(factor * one) for one in lamp.strength)
-            lamps.append(RigLampRecord(**{**_fields(lamp), "strength": strength}))
+            lamps.append(structs.replace(lamp, strength=strength))
         return replace(self, lamps=tuple(lamps))
 
 
@@ -176,10 +176,6 @@ def as_rows(matrix: Array) -> tuple[Vector, Vector, Vector]:
     """A (3, 3) matrix as `RigLampRecord.covariance`."""
     first, second, third = ((float(a), float(b), float(c)) for a, b, c in matrix)
     return first, second, third
-
-
-def _fields(lamp: RigLampRecord) -> dict[str, Any]:
-    return {name: getattr(lamp, name) for name in lamp.__struct_fields__}
 
 
 def _apart(lamp: Lamp, other: RigLampRecord) -> float:

@@ -206,7 +206,7 @@ def as_stated(lamp: Lamp, spectrum: Spectrum | str | Path | None, intensity: flo
     """The lamp with a spectrum and an intensity that are stated in place of its own."""
     if spectrum is not None:
         lamp = replace(lamp, spectrum=Spectrum.load(str(spectrum) if isinstance(spectrum, Path) else spectrum))
-    return lamp if intensity is None else replace(lamp, intensity=np.squeeze(np.asarray(intensity, np.float64)))
+    return lamp if intensity is None else replace(lamp, intensity=np.squeeze(np.asarray(intensity, np.float64)))  # pyrefly: ignore[bad-argument-type]
 
 
 def check_readable(path: Path) -> None:

@@ -50,7 +50,7 @@ def first_look(
         starts = FoundLook(parts, turned.frame, cameras=turned.cameras), FoundLook((), turned.frame)
         again, stated = (_complete(coarse(used, kept, start)) for start in starts)
         found[best] = again if _psnr(again) >= _psnr(stated) + BETTER else stated
-    return replace(FoundLook.of(found[best].look), tried=dict(tried))
+    return replace(FoundLook.of(found[best].look), tried={str(each): score for each, score in tried.items()})
 
 
 def _complete(found: Recovered) -> Recovered:

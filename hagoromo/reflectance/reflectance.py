@@ -114,7 +114,8 @@ class Reflectance(BodyLaw):
         >>> hg.Reflectance.matte(0.2, hg.Spectrum.constant(0.5)).beta
         0.0
         """
-        return cls(**{"alpha": alpha, "body_colour": body_colour, **MATTE, **further})
+        stated: dict[str, Any] = {"alpha": alpha, "body_colour": body_colour, **MATTE, **further}
+        return cls(**stated)
 
     def __repr__(self) -> str:
         """What is not as it is by default."""

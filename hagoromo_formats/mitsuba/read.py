@@ -244,7 +244,7 @@ class _Scene:
             self.sections["surface"].append({"shape": part["type"], "pose": pose.ravel().tolist(), **keys, **name})
             return
         vertices, faces, uv = mesh
-        columns = {} if uv is None else dict(zip("uv", uv.T, strict=True))
+        columns = {} if uv is None else dict(zip(("u", "v"), uv.T, strict=True))
         file = f"mesh_{number}.ply"
         (self.folder / file).write_bytes(ply_of(vertices @ place[:3, :3].T + place[:3, 3], faces, columns))
         smooth = {"smooth": False} if part.get("face_normals") is True else {}

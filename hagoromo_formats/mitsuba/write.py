@@ -145,7 +145,7 @@ def _reflecting(surface: Surface, textures: Sequence[Element]) -> Element:
     """The BSDF of a surface. textures: stand in place of the parameters that they are named as."""
     made, placed = surface.reflectance, {texture.get("name") for texture in textures}
     values = {**numbers_of(made), "body_colour": made.body_colour, "interface_colour": made.interface_colour}
-    plain = {key: value for key, value in values.items() if key not in placed}
+    plain: dict[str, Any] = {key: value for key, value in values.items() if key not in placed}
     return plugin("bsdf", NAME, parts=textures, **plain)
 
 

@@ -230,7 +230,7 @@ class _UsdScene:
         if known["painted"] and mesh is not None and mesh.colours is not None:
             known = known | {"diffuseColor": np.full(3, np.clip(mesh.colours, 0.0, 1.0).max())}
         specular = textures.get("specularColor") if known["useSpecularWorkflow"] else None
-        maps = {}
+        maps: dict[str, Any] = {}
         if specular is not None:
             specular_colour, factors, varied = gloss_of_colours(self.textures.colours(specular, name))
             if varied:

@@ -57,13 +57,14 @@ def write_openvdb(path: str | Path, fields: Mapping[str, NDArray[np.float32]], m
 
 def _leaves(density: NDArray[np.float32]) -> list[Leaf]:
     """First voxel and active voxels (8, 8, 8) of each cube that has any, in the order of the tree."""
-    found = []
+    found: list[Leaf] = []
     for corner in itertools.product(*(range(0, n, LEAF) for n in density.shape)):
         block = density[tuple(slice(c, c + LEAF) for c in corner)] != 0
         if block.any():
             active = np.zeros((LEAF,) * 3, bool)
             active[tuple(map(slice, block.shape))] = block
-            found.append((corner, active))
+            z, y, x = corner
+            found.append(((z, y, x), active))
 
     def order(leaf: Leaf) -> list[int]:
         return [c // edge for edge in (ROOT_EDGE, NODES[0][1], LEAF) for c in leaf[0]]

@@ -53,7 +53,7 @@ class Relit:
         """predicted.exr, photograph.exr, mask.png (for `hagoromo compare`) and the pictures as PNG."""
         folder.mkdir()
         for name in ("predicted", "photograph"):
-            channels = dict(zip("RGB", np.moveaxis(getattr(self, name), 2, 0), strict=True))
+            channels = dict(zip(("R", "G", "B"), np.moveaxis(getattr(self, name), 2, 0), strict=True))
             scale = "linear sRGB, 1 is a white diffuser that faces the lamp"
             write_exr(folder / f"{name}.exr", channels, {"colour_space": scale})
         write_png(folder / "mask.png", self.mask.astype(np.uint8) * 255)

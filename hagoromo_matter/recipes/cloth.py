@@ -36,7 +36,7 @@ from hagoromo_matter.recipes.laid import LaidTable, laid
 class Plain(Record, frozen=True, tag_field="weave", tag="plain"):
     """Plain weave: over one, under one."""
 
-    def draft(self) -> draft.Draft:
+    def draft(self) -> draft.Draft:  # pyrefly: ignore[not-a-type]
         """One repeat."""
         return draft.plain()
 
@@ -47,7 +47,7 @@ class Twill(Record, frozen=True, tag_field="weave", tag="twill"):
     over: Annotated[int, from_to(1, draft.LARGEST_REPEAT), about("picks that the warp goes over")] = 2
     under: Annotated[int, from_to(1, draft.LARGEST_REPEAT), about("picks that the warp goes under")] = 2
 
-    def draft(self) -> draft.Draft:
+    def draft(self) -> draft.Draft:  # pyrefly: ignore[not-a-type]
         """One repeat."""
         return draft.twill(self.over, self.under)
 
@@ -63,7 +63,7 @@ class Satin(Record, frozen=True, tag_field="weave", tag="satin"):
     ] = 0
     warp_faced: Annotated[bool, about("whether the warp floats on the face; false: sateen")] = True
 
-    def draft(self) -> draft.Draft:
+    def draft(self) -> draft.Draft:  # pyrefly: ignore[not-a-type]
         """One repeat."""
         return draft.satin(self.ends, self.step, self.warp_faced)
 
@@ -75,7 +75,7 @@ class Herringbone(Record, frozen=True, tag_field="weave", tag="herringbone"):
     under: Annotated[int, from_to(1, draft.LARGEST_REPEAT), about("picks that the warp goes under")] = 2
     width: Annotated[int, from_to(2, draft.LARGEST_DRAFT), about("ends after which the line turns")] = 8
 
-    def draft(self) -> draft.Draft:
+    def draft(self) -> draft.Draft:  # pyrefly: ignore[not-a-type]
         """One repeat."""
         return draft.herringbone(self.over, self.under, self.width)
 
@@ -88,7 +88,7 @@ class Jacquard(Record, frozen=True, tag_field="weave", tag="jacquard"):
     )
     ends: Annotated[int, from_to(5, draft.LARGEST_REPEAT), about("ends of a repeat of the satin")] = 5
 
-    def draft(self) -> draft.Draft:
+    def draft(self) -> draft.Draft:  # pyrefly: ignore[not-a-type]
         """One repeat."""
         return draft.jacquard(self.pattern, self.ends)
 

@@ -65,7 +65,7 @@ class LabServer(ThreadingHTTPServer):
 class Request(BaseHTTPRequestHandler):
     """One request."""
 
-    server: LabServer
+    server: LabServer  # pyrefly: ignore[bad-override-mutable-attribute]
     timeout = TIMEOUT_S
     server_version, sys_version = "Hagoromo", ""
 

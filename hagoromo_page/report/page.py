@@ -44,8 +44,7 @@ def page_text(template: str, package: str = TEMPLATES_PACKAGE, **values: Any) ->
         extensions=["jinja2.ext.do"],
     )
     environment.filters |= {"number_columns": number_columns, "thousands": thousands}
-    environment.globals |= {"version": __version__}
-    return environment.get_template(template).render(count=Counter(), **values)
+    return environment.get_template(template).render(count=Counter(), version=__version__, **values)
 
 
 def page_picture(picture: NDArray[np.uint8], alt: str, title: str = "", lossless: bool = False) -> Markup:

@@ -149,7 +149,7 @@ def _through(gate: Gate) -> Iterator[None]:
         options |= {"process_request": gate.guarded(options["process_request"]), "logger": _log_of_sockets()}
         return plain(gate.watched(handler), *place, **options | {"max_size": LARGEST_FRAME})
 
-    sockets.serve = serve
+    sockets.serve = serve  # pyrefly: ignore[bad-assignment]
     try:
         yield
     finally:

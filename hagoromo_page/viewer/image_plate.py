@@ -62,12 +62,13 @@ class ImagePlate:
         """See `Plate`."""
         image, cut = self.image, (rows, columns)
         share = image.weights[cut].shape[0] * image.weights[cut].shape[1] / (size[0] * size[1])
+        variance = None if image.variance is None else shrunk(image.variance[cut], size) / np.float32(share)
         return ImagePlate(
             replace(
                 image,
                 weights=shrunk(image.weights[cut], size),
                 alpha=shrunk(image.alpha[cut], size),
-                variance=None if image.variance is None else shrunk(image.variance[cut], size) / np.float32(share),
+                variance=None if variance is None else np.asarray(variance, np.float32),
                 layers=None if image.layers is None else {k: shrunk(v[cut], size) for k, v in image.layers.items()},
                 sums=None,
             )
@@ -130,10 +131,7 @@ def plate_of_spectra(picture: SpectralPicture) -> ImagePlate:
     waves = picture.wavelengths
     step = np.diff(waves)
     knots = np.concatenate([[waves[0] - step[0] * 1e-6], waves, [waves[-1] + step[-1] * 1e-6]])
-    hats = tuple(
-        Spectrum(knots[k : k + 3], [0.0, 1.0, 0.0])  # pyright: ignore[reportArgumentType]
-        for k in range(len(waves))
-    )
+    hats = tuple(Spectrum(knots[k : k + 3], [0.0, 1.0, 0.0]) for k in range(len(waves)))
     lamp = Spectrum.constant(1.0) if picture.is_light else Spectrum.named("D65")
     # a reflectance of 1 is white, and so is a radiance of 1 under an irradiance of π, which an Image counts by
     palette = Palette(hats, (), (lamp,), ("lamp",), (0,))

@@ -108,7 +108,7 @@ def checked(frame: Any, widgets: Mapping[str, Any], gizmos: Container[str]) -> b
 
     widgets: identifier → viser's handle. gizmos: the names of those that there are.
     """
-    message: Any = decode_one(_plain(frame), KINDS, WHERE)  # pyright: ignore[reportArgumentType]
+    message: Any = decode_one(_plain(frame), KINDS, WHERE)
     if isinstance(message, WidgetUpdate):
         widget = widgets.get(message.uuid)
         if widget is None:

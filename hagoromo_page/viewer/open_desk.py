@@ -49,7 +49,7 @@ def _plates(path: Path) -> dict[str, Callable[[], Plate]] | None:
         return _photographs(path)
     if (path / "materials.json").is_file():
         measurement = Measurement.load(path)
-        maps = MapsPlate(page_source(measurement, None, path.name).maps, measurement)
+        maps: Plate = MapsPlate(page_source(measurement, None, path.name).maps, measurement)  # pyrefly: ignore[bad-assignment]
         return {path.name: lambda: maps}
     return None
 

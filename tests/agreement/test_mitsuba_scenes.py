@@ -145,7 +145,7 @@ def test_bitmaps_of_mitsuba_lie_here_as_there(tmp_path):
     uv = [(0, 0), (1.5, 0), (1.5, 1), (0, 1)]
     lines = [f"v {x} {y} {z}" for x, y, z in SHEET] + [f"vt {u} {v}" for u, v in uv]
     (tmp_path / "sheet.obj").write_text("\n".join([*lines, "f 1/1 2/2 3/3", "f 1/1 3/3 4/4", ""]))
-    columns = dict(zip("uv", np.array(uv).T, strict=True))
+    columns = dict(zip(("u", "v"), np.array(uv).T, strict=True))
     (tmp_path / "small.ply").write_bytes(ply_of(0.3 * SHEET + [-0.4, 0.2, 0.5], TWO, columns))
     image = "<texture type='bitmap' name='{}'><string name='filename' value='image.exr'/>"
     matt = f"<bsdf type='twosided'><bsdf type='diffuse'>{image.format('reflectance')}</texture></bsdf></bsdf>"

@@ -90,7 +90,7 @@ def test_what_does_not_go_together_is_refused(laboratory):
         ("lacks the key 'lamps'", abc, (camera, camera), {}),
     ]:
         with pytest.raises(hg.InputError, match=said):
-            hg.capture(photographs, *arguments, **keys)
+            hg.capture(photographs, *arguments, **keys)  # pyrefly: ignore[no-matching-overload]
 
 
 ZERO = dict.fromkeys(("k1", "k2", "p1", "p2"), 0.0)

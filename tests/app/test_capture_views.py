@@ -89,7 +89,7 @@ def test_a_capture_of_many_views_has_poses_masks_lamps_and_a_scale(photographs, 
     import trimesh
 
     cloud = trimesh.load(out / "points.ply")
-    assert len(cloud.vertices) == record["points"]  # pyright: ignore[reportAttributeAccessIssue]
+    assert len(cloud.vertices) == record["points"]  # type: ignore[missing-attribute]
 
 
 def test_without_a_scale_the_result_says_how_to_give_one(photographs, imitated, tmp_path, capsys):

@@ -2,6 +2,7 @@
 
 import copy
 import json
+from typing import Any
 
 from studies.first_order import BEFORE, longest_steps
 from studies.first_order_page import write_first_order_page
@@ -9,7 +10,7 @@ from studies.first_order_page import write_first_order_page
 
 def test_the_page_tells_errors_before_and_now(tmp_path):
     before = json.loads(BEFORE.read_text(encoding="utf-8"))
-    now = {**copy.deepcopy(before), "longest_step_voxel": longest_steps()}
+    now: dict[str, Any] = {**copy.deepcopy(before), "longest_step_voxel": longest_steps()}
     for row in now["rows"]:
         row["error"] /= 2.0
     now["rows"] += [{**row, "scene": "a new scene"} for row in now["rows"] if row["scene"] == "hard ball"]

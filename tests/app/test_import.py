@@ -82,4 +82,4 @@ def test_the_packages_say_that_they_are_typed(package):
 
 def test_another_name_is_an_attribute_error():
     with pytest.raises(AttributeError, match="attribute nonsense"):
-        _ = hagoromo.nonsense  # pyright: ignore[reportAttributeAccessIssue]
+        _ = hagoromo.nonsense  # pyrefly: ignore[missing-attribute]

@@ -67,7 +67,7 @@ CHANGED = {
 OF_LIGHT = [name for name in CHANGED if ROWS[name].part != "label"]
 FIRST = estimate("base", replace(TRUTHS[0], lobes=()))
 COLOUR = (1.3, 1.0, 0.7)
-OF_ESTIMATE = {
+OF_ESTIMATE: dict[str, Any] = {
     "name": "other", "pixels": 7, "body_colour": COLOUR, "interface_colour": COLOUR, "alpha": 0.25, "beta": 0.5,
     "gamma": 0.2, "n": 1.7, "specular_albedo": 0.07, "standard_error": {**FIRST.standard_error, "alpha": 0.02},
     "interval_95": {**FIRST.interval_95, "alpha": (0.05, 0.3)}, "correlation": ((0.5,) * 4,) * 4,
@@ -104,7 +104,7 @@ def test_numbers_beyond_their_range_are_refused(row):
     beyond = high + 0.1 if high < np.inf else low / 2
     for wrong in (low - 0.1, beyond, float("nan"), "1", None):
         with pytest.raises(InputError, match=f"^reflectance 'base': {row.name} is {wrong}: give a number from {low}"):
-            replace(BASE, **{row.name: wrong})
+            replace(BASE, **dict[str, Any]({row.name: wrong}))
 
 
 @pytest.mark.parametrize("row", [row for row in PARAMETERS if row.fitted], ids=lambda row: row.name)
@@ -225,8 +225,8 @@ def pair(name, form):
     if form in ("mitsuba", "gltf", "usd") and name in ("transmitted_colour", "clearness"):
         more = {"transmission": 0.3}
         value = RAMP if name == "transmitted_colour" else 0.0
-    first = replace(BASE, **more)
-    return first, replace(first, **{name: value})
+    first = replace(BASE, **dict[str, Any](more))
+    return first, replace(first, **dict[str, Any]({name: value}))
 
 
 @pytest.fixture(scope="module")

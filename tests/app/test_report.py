@@ -135,7 +135,7 @@ def test_a_report_of_many_photographs_stays_small(tmp_path):
     capture, measured = ball()
     random = np.random.default_rng(5)
     noisy = [
-        replace(shot, values=random.uniform(0.1, 1.0, shot.values.shape), name=f"{shot.name} {k}")
+        replace(shot, values=random.uniform(0.1, 1.0, shot.values.shape).astype(np.float32), name=f"{shot.name} {k}")
         for k in range(16)
         for shot in capture.photographs
     ]
@@ -154,7 +154,9 @@ def test_words_of_pictures_are_escaped():
 
 
 def test_a_fit_that_did_not_converge_has_its_line():
-    empty = {key: [] for key in ("head", "rows", "remarks", "findings", "missing", "maps", "spectra", "sheet")}
+    empty: dict[str, Any] = {
+        key: [] for key in ("head", "rows", "remarks", "findings", "missing", "maps", "spectra", "sheet")
+    }
     values = {"name": "", "parameters": 4, "separation": None, "gloss": None, "viewer": "", "viewer_head": ""}
     text = page_text("measure.html.j2", unconverged=["skin: 40 steps"], **empty, **values)
     assert "Fits that did not converge" in text and "<li>skin: 40 steps</li>" in text

@@ -18,7 +18,7 @@ from hagoromo.files.shared_arrays import arrays_of_layout, bytes_of, layout_of
 ON_LINUX = sys.platform == "linux"
 
 
-def process(path):
+def process(path) -> Any:
     return {"number": os.getpid(), "folder": os.getcwd(), "text": path.read_text() if path.is_file() else ""}
 
 

@@ -3,6 +3,7 @@
 import hashlib
 import json
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import pytest
@@ -30,7 +31,12 @@ def home(tmp_path):
 
 
 def _archived(home, out="bag", **settings):
-    given = {"inventory": "1889.12", "title": "Robe", "photographed": "2026-11-27", "originals": [home / "capture"]}
+    given: dict[str, Any] = {
+        "inventory": "1889.12",
+        "title": "Robe",
+        "photographed": "2026-11-27",
+        "originals": [home / "capture"],
+    }
     results = settings.pop("results", [home / "measured", home / "page.html"])
     return hg.archive(results, home / out, hg.ArchiveProfile(**PROFILE), **(given | settings))
 

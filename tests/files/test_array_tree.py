@@ -113,7 +113,7 @@ def test_a_file_of_somebody_else_is_one_line_and_runs_nothing(whole, tmp_path):
     for what, content in files.items():
         if isinstance(content, dict):
             with place.open("wb") as file:
-                np.savez(file, **content)
+                np.savez(file, **dict[str, Any](content))
         else:
             place.write_bytes(content)
         with pytest.raises(hg.InputError) as refused:

@@ -2,6 +2,7 @@
 
 import os
 import shutil
+from typing import Any
 
 import numpy as np
 import pytest
@@ -228,7 +229,7 @@ def test_the_box_of_a_recipe_is_built_once(place, tmp_path, monkeypatch):
     (tmp_path / "scene.toml").write_text(camera((31, 23), 45.0) + KEY + '\n[[box]]\nrecipe = "solid.toml"\n')
     built, build = [], matter_build.build
     monkeypatch.setattr(matter_build, "build", lambda recipe: built.append(recipe) or build(recipe))
-    told = []
+    told: list[tuple[Any, ...]] = []
     pictures = [render(tmp_path / "scene.toml", progress=lambda *step: told.append(step)) for _ in range(2)]
     assert len(built) == 1 and pictures[0].alpha.max() > 0.5
     np.testing.assert_array_equal(pictures[0].weights, pictures[1].weights)

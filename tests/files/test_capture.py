@@ -30,7 +30,9 @@ def light(seed: int, channels: int = 3) -> np.ndarray:
 def camera(sensor: Sensor | None, seed: int = 0, response: str | None = "canon_eos_300d") -> Camera:
     plain = Camera(WIDTH, HEIGHT, (31.0, 32.0), (8.1, 6.9), LENS, name="test")
     eye = np.random.default_rng(seed).uniform(1.0, 2.0, 3)
-    return replace(plain.look_at(eye, (0.0, 0.1, 0.2)), sensor=sensor, response=response and Response.load(response))
+    return replace(
+        plain.look_at(eye, (0.0, 0.1, 0.2)), sensor=sensor, response=Response.load(response) if response else None
+    )
 
 
 def photograph(sensor: Sensor, seed: int, lamps=(), response="canon_eos_300d", channels: int = 3) -> Photograph:

@@ -5,6 +5,7 @@ import json
 import struct
 import zipfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,7 +20,12 @@ FIRST = [0, 2, 6, 9]
 
 def hair(path: Path, **change) -> None:
     """As the format's page describes it: head, segments, points, thickness, transparency, colour."""
-    values = {"hairs": 3, "points": 9, "bits": 0b11111, "segments": np.array(COUNTS, "<u2") - 1} | change
+    values: dict[str, Any] = {
+        "hairs": 3,
+        "points": 9,
+        "bits": 0b11111,
+        "segments": np.array(COUNTS, "<u2") - 1,
+    } | change
     head = b"HAIR" + struct.pack("<4I5f", values["hairs"], values["points"], values["bits"], 0, 0.5, 0, 1, 1, 1)
     wide = np.linspace(0.1, 0.9, 9).astype("<f4")
     arrays = [values["segments"], POINTS, wide, np.zeros(9, "<f4"), np.ones((9, 3), "<f4")]
@@ -65,7 +71,7 @@ def lines_of_gltf(kind, mode, numbers=None, **more):
     start = len(binary)
     binary += POINTS.astype("<f4").tobytes()
     part = {"mode": mode, "attributes": {"POSITION": 0}} | ({} if numbers is None else {"indices": 1})
-    record = {
+    record: dict[str, Any] = {
         "asset": {"version": "2.0"},
         "buffers": [{"byteLength": len(binary)}],
         "bufferViews": [

@@ -3,6 +3,7 @@
 import io
 import struct
 import zlib
+from typing import Any
 
 import numpy as np
 import pytest
@@ -83,7 +84,7 @@ def test_a_picture_of_radiance(tmp_path, nothing_is_decoded):
 def test_the_emptiest_real_pictures_are_read(tmp_path, value):
     """One colour, packed as tightly as each library can: what cameras write is hundreds of times less dense."""
     grey = np.full((1200, 1600), value, np.uint8)
-    made = {
+    made: dict[str, dict[str, Any]] = {
         "a.jpg": {"progressive": True, "optimize": True, "quality": 5}, "a.png": {"compress_level": 9},
         "a.tif": {"compression": "tiff_adobe_deflate"}, "b.tif": {"compression": "tiff_lzw"},
         "c.tif": {"compression": "packbits"}, "b.png": {"bits": 1},

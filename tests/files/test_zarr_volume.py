@@ -78,7 +78,7 @@ def test_a_recipe_of_a_volume_is_the_same_box_in_memory_and_on_disk(tmp_path):
 
 
 def _pickled(path: Path) -> None:
-    zarr.create_array(path, data=np.ones((5, 5, 5)), zarr_format=2, filters=[Pickle()], compressors=None)
+    zarr.create_array(path, data=np.ones((5, 5, 5)), zarr_format=2, filters=[Pickle()], compressors=None)  # pyrefly: ignore[bad-argument-type]
 
 
 def _linked(path: Path) -> None:

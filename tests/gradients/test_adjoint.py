@@ -179,7 +179,7 @@ def test_so_are_those_of_boxes_that_overlap_a_surface_and_a_shadow_bias():
     ends = []
     for sign in (1, -1):
         place = LOW_LAMP.place + np.array([2e-3, 1e-3, 0.0]) * sign
-        ends.append(loss.of(among_surfaces(replace(LOW_LAMP, position=tuple(place)))))
+        ends.append(loss.of(among_surfaces(replace(LOW_LAMP, position=place))))
     assert gradient.lamps[0, :3] @ (2e-3, 1e-3, 0.0) == pytest.approx(0.5 * (ends[0] - ends[1]), rel=ONE_PERCENT)
 
 

@@ -199,7 +199,7 @@ def _seen_by_two_cameras():
         made = relief_measurement(Relief(), BEFORE if seed == 1 else AFTER, seed)
         assert made.body is not None and made.photographed is not None
         response, spectrum = hg.Response.load(name), hg.Spectrum.named(lamp)
-        grey = np.repeat(made.body.value[..., 1:2], 3, axis=2)  # of each channel's white
+        grey = np.repeat(np.asarray(made.body.value, np.float64)[..., 1:2], 3, axis=2)  # of each channel's white
         camera = replace(made.photographed.camera, response=response)
         lamps = tuple(replace(one, spectrum=spectrum) for one in made.photographed.lamps)
         made = replace(made, body=replace(made.body, value=grey, error=0.006 * grey))

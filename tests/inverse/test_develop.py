@@ -171,7 +171,7 @@ def test_frames_of_noise_alone_have_not_moved():
 
 
 def bent(one: Exposure, power: float) -> Exposure:
-    return replace(one, signal=one.white * (np.maximum(one.signal, 0.0) / one.white) ** power)
+    return replace(one, signal=np.asarray(one.white * (np.maximum(one.signal, 0.0) / one.white) ** power, np.float32))
 
 
 def test_a_response_that_is_not_linear_is_told():
@@ -182,7 +182,9 @@ def test_a_response_that_is_not_linear_is_told():
     shots = [shot(light, t, 60 + i) for i, t in enumerate(TIMES)]
     with pytest.raises(InputError, match=r"not linear.*power 0\.4[0-9]"):
         develop_exposures([bent(one, 1 / 2.2) for one in shots])
-    soft = [replace(one, signal=one.signal / (1.0 + 0.2 * one.signal / one.white)) for one in shots]
+    soft = [
+        replace(one, signal=np.asarray(one.signal / (1.0 + 0.2 * one.signal / one.white), np.float32)) for one in shots
+    ]
     with pytest.raises(InputError, match=r"not linear.*from dark to bright"):
         develop_exposures(soft)
     with pytest.raises(InputError, match="not linear"):

@@ -1,5 +1,7 @@
 """Dark frames, flat fields and transfer curves of a capture: what they remove, what is said, what is refused."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -42,8 +44,13 @@ def frames(tmp_path_factory):
 
 def stated(frames, **more):
     """What the files do not state."""
-    known = {"gain": SENSOR.gain, "read_noise": SENSOR.read_noise, "mosaic": "RGGB", "black": SENSOR.black_level}
-    return hg.Developing(**{**known, "white": int(FULL), "exposures_s": TIMES, "iso": 100.0, **more})
+    known: dict[str, Any] = {
+        "gain": SENSOR.gain,
+        "read_noise": SENSOR.read_noise,
+        "mosaic": "RGGB",
+        "black": SENSOR.black_level,
+    }
+    return hg.Developing(**known | {"white": int(FULL), "exposures_s": TIMES, "iso": 100.0, **more})
 
 
 def test_dark_and_flat_frames_leave_the_light_and_its_noise(frames):

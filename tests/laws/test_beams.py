@@ -1,6 +1,7 @@
 """Laws of the beams of near lamps: every kind, in kernels, in files, and turned with the world."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from hagoromo.photograph.transforms import lamp_from_record, record_from_lamp
 RANDOM = np.random.default_rng(5)
 FLOOD = hg.LampProfile([0, 35, 90, 130, 180], [0, 11, 30, 75, 90], RANDOM.uniform(0.2, 1.0, (5, 5)))
 PLACE = (0.2, -0.1, 0.9)
-KEYS = [
+KEYS: list[dict[str, Any]] = [
     {},
     {"axis": (-0.2, 0.3, -1.0), "axis_power": 7.3},
     {"axis": (0.3, 0.1, -0.7), "profile": FLOOD, "roll": 0.7},

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -117,7 +118,8 @@ def test_kernels_read_what_some_material_needs():
     always = ("alpha", "beta", "gamma", "n", "element", "colour 0", "colour 1")
     camera = hg.Camera(8, 8, (8.0, 8.0), (4.0, 4.0)).look_at((0.0, -2.0, 0.0), (0.0, 0.0, 0.0))
     for changed, more in (({}, ()), ({"epsilon": 0.3}, ("epsilon",)), ({"sigma": 0.1, "nu": 2.0}, ("sigma", "nu"))):
-        balls = [hg.Surface.sphere((k, 0.0, 0.0), 0.4, one) for k, one in enumerate((MATTE, replace(MATTE, **changed)))]
+        other = replace(MATTE, **dict[str, Any](changed))
+        balls = [hg.Surface.sphere((k, 0.0, 0.0), 0.4, one) for k, one in enumerate((MATTE, other))]
         rays = hg.RayMarch(hg.Scene(camera, (hg.Lamp(to_lamp=(0.0, 0.0, 1.0)),), (), tuple(balls)))
         assert rays.columns == (*always, *more)
         rows = np.array(rays.materials).reshape(2, -1)

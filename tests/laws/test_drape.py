@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from typing import Any
 
 import drjit as dr
 import numpy as np
@@ -367,7 +368,7 @@ def test_figures_are_dressed_from_the_neck_to_the_ground(figure, names):
     down = np.linalg.norm(np.diff(tunic.points, axis=0), axis=2) / np.diff(tunic.v, axis=0) - 1.0
     assert np.abs(down).mean() < 0.02
     pose, more = (WELCOME, {}) if figure == "angel" else (PRAYER, {"bust": BUST, "step": STEP})
-    inside = np.array(trunk(in_space(tunic.points.reshape(-1, 3)), pose, **more)) < -0.3
+    inside = np.array(trunk(in_space(tunic.points.reshape(-1, 3)), pose, **dict[str, Any](more))) < -0.3
     assert inside.mean() < 0.01
     points = np.concatenate([sheet.points.reshape(-1, 3) for sheets in clothes.values() for sheet in sheets])
     assert points[:, 2].min() == pytest.approx(0.6, abs=0.2)

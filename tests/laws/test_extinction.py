@@ -282,7 +282,7 @@ def test_the_extinction_is_kept_in_files_and_must_be_known(tmp_path):
     assert record.pop("extinction") == "projected" and header_from_record(record, "here").extinction == "isotropic"
     assert "extinction" not in header_record(replace(box, extinction="isotropic"))
     with pytest.raises(InputError, match="extinction is 'opaque': give one of isotropic, projected"):
-        replace(box, extinction="opaque")
+        replace(box, extinction="opaque")  # pyrefly: ignore[bad-argument-type]
     text = """
         camera = {size = [31, 29], focal = [40, 40], eye = [0.03, -1, 0.03]}
         lamp = [{to_lamp = [0, -1, 1]}]

@@ -1,5 +1,7 @@
 """Fibres: those of one voxel do not break into beads, and the sign of a tangent has no meaning."""
 
+from collections.abc import Sequence
+
 import drjit as dr
 import numpy as np
 import pytest
@@ -9,6 +11,7 @@ from hagoromo.backend import arrays
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.matter.shape import coverage
+from hagoromo.reflectance.element import Element
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.transport.lighting import Lighting
 from hagoromo.transport.march import march
@@ -56,7 +59,7 @@ def test_a_fibre_of_one_voxel_shows_no_beads(tilt, across):
 SHAPE = (23, 29, 31)  # voxels (z, y, x)
 
 
-def rope(turned: int | None = None, which=("cylinder", "plane")) -> hg.VolumeBox:
+def rope(turned: int | None = None, which: Sequence[Element] = ("cylinder", "plane")) -> hg.VolumeBox:
     """A soft ball of cylinders that curl, planes, or half of each; `turned`: seed of the signs of tangents."""
     z, y, x = np.meshgrid(*(np.arange(n) + 0.5 for n in SHAPE), indexing="ij")
     offset = np.stack([x, y, z], axis=-1) - np.array(SHAPE[::-1]) / 2

@@ -4,6 +4,7 @@ The oracle is the optical depth of the same voxels in NumPy, double precision. S
 """
 
 import math
+from typing import Any
 
 import drjit as dr
 import numpy as np
@@ -63,7 +64,7 @@ def rays(count):
     return origin, way, random_numbers(lane, dr.zeros(jit.UInt, count), 5)
 
 
-BOXES = {element: [(densities(1), 8.0, element)] for element in ELEMENTS}
+BOXES: dict[str, list[Any]] = {element: [(densities(1), 8.0, element)] for element in ELEMENTS}
 BOXES["two that overlap"] = [(densities(1), 4.0, "sphere"), (densities(2), 6.0, "cylinder")]
 
 

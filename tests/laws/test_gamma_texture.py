@@ -271,7 +271,8 @@ def test_patches_send_on_by_the_gamma_of_each_place():
 
 def glossy(gammas, factors, smooth=False):
     textures = (hg.SurfaceTexture([values], smooth=smooth) for values in (gammas, factors))
-    return replace(square(gamma=0.06, beta=4.0), **dict(zip(("gamma_texture", "beta_texture"), textures, strict=True)))
+    gamma, beta = textures
+    return replace(square(gamma=0.06, beta=4.0), gamma_texture=gamma, beta_texture=beta)
 
 
 BAD = {

@@ -4,6 +4,7 @@ Significance 0.1 %, fixed seeds.
 """
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -69,7 +70,7 @@ def test_white_surfaces_of_every_shape_look_like_nothing_in_a_furnace(walks, pre
         pose = np.diag([0.06, 0.06, 0.06, 1.0])
         pose[:3, :3] @= np.array([[0.8, 0.0, 0.6], [0.36, 0.8, -0.48], [-0.48, 0.6, 0.64]])
         pose[:3, 3] = place
-        mesh = {"vertices": corners, "faces": faces, "smooth": False} if shape == "mesh" else {}
+        mesh: dict[str, Any] = {"vertices": corners, "faces": faces, "smooth": False} if shape == "mesh" else {}
         surfaces.append(hg.Surface(white, shape, pose=pose, name=shape, **mesh))
     sky = hg.Environment(np.ones((4, 8)), 2.0, visible=True)
     view = hg.Camera(36, 24, (60.0, 60.0), (18, 12)).look_at((0.0, -1.0, 0.0), (0.0, 0.0, 0.0))

@@ -73,7 +73,7 @@ CHANGES = {
     "odd size": lambda s: s.with_camera(a_camera(width=67, height=37)),
     "one row": lambda s: s.with_camera(a_camera(width=71, height=1)),
     "lamps moved": lambda s: s.with_lamps(*lamps(shift=0.13)),
-    "a lamp close by": lambda s: s.with_lamps(replace(lamps()[0], position=(0.05, 0.03, 0.35)), *lamps()[1:]),
+    "a lamp close by": lambda s: s.with_lamps(replace(lamps()[0], position=np.array((0.05, 0.03, 0.35))), *lamps()[1:]),
     "lamps dimmed": lambda s: s.with_lamps(*lamps(intensity=0.7)),
     "lamps coloured": lambda s: s.with_lamps(*lamps(spectrum=Spectrum.constant(0.8))),
     "box posed": lambda s: replace(s, boxes=(turned(s.boxes[0]),)),

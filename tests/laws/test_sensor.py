@@ -1,6 +1,7 @@
 """Photon transfer, honest variance, full well and mosaic of the sensor."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -112,7 +113,7 @@ def test_a_sample_counts_as_saturated_a_margin_and_a_number_below_white():
 @pytest.mark.parametrize("name", ["exposure", "full_well", "gain", "bits"])
 def test_figures_of_a_sensor_are_above_0_but_for_those_of_none(name):
     with pytest.raises(InputError, match="above 0"):
-        replace(PLAIN, **{name: 0.0})
+        replace(PLAIN, **dict[str, Any]({name: 0.0}))
     with pytest.raises(InputError, match="must be from 1e-09"):
         replace(PLAIN, gain=1e-10)
     assert replace(PLAIN, read_noise=0.0, black_level=0.0).read_noise == 0.0

@@ -94,7 +94,9 @@ def _digests(steps: Sequence[Step], ledger: Ledger, workers: Workers, dry_run: b
     known = ledger.digests()
     stamps = {str(path): stamp(path) for path in {read.path for step in steps for read in step.inputs}}
     stale = [path for path, now in stamps.items() if known.get(path, [None, None])[1] != now]
-    digests = {path: [known[path][0], now] for path, now in stamps.items() if known.get(path, [None, None])[1] == now}
+    digests: dict[str, list[Any]] = {
+        path: [known[path][0], now] for path, now in stamps.items() if known.get(path, [None, None])[1] == now
+    }
     for number, found in workers.results(content, ((path,) for path in stale)):
         digests[stale[number]] = [found, stamps[stale[number]]]
     if stale and not dry_run:

@@ -147,7 +147,7 @@ def _beside_rival(place: _Place, seen: LampSpeck) -> _Place:
     """The place, with an error that holds another spot, if that is about as bright."""
     if seen.rival < RIVAL:
         return place
-    other = np.array(seen.rival_place) - seen.corner[::-1]
+    other = np.asarray(seen.rival_place, np.float64) - seen.corner[::-1]
     error = float(np.hypot(place.error, 0.5 * np.hypot(*(other - place.centre))))
     return place._replace(error=error, other=other, dispute="second")
 

@@ -31,7 +31,7 @@ class Groups(NamedTuple):
     expected: Array
 
     @property
-    def count(self) -> int:
+    def count(self) -> int:  # pyrefly: ignore[bad-override]
         """Number of groups."""
         return int(self.labels.max()) + 1
 

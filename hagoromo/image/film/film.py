@@ -196,7 +196,7 @@ def frame_exposure(order: FilmOrder, number: int) -> float:
     """On a worker: the factor by which `Image.display` would expose a frame, from a small picture of it."""
     scene, settings, cache = _frame(order, number)
     small = scene.with_camera(scene.camera.limited(METERED_SIDE))
-    fewer = {
+    fewer: dict[str, Any] = {
         "march": {"samples": 1, "shadow_resolution": METERED_SIDE},
         # with the shadow maps of the frames, as the solved light is theirs
         "full": {"samples": 1, "walks": 0, "error": None},

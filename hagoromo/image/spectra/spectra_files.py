@@ -95,7 +95,7 @@ def _colour(estimate: SpectrumEstimate, lamp: Spectrum) -> dict[str, Any]:
 def spectra_table(estimates: Mapping[str, SpectrumEstimate]) -> list[tuple[str, ...]]:
     """Rows of a table for people: name, mean reflectance, widest half band, likeliest prior, ΔE00 within (D65)."""
     lamp = Spectrum.named("D65")
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for name, estimate in estimates.items():
         low, high = estimate.band_95
         likely = max(estimate.probability, key=lambda key: estimate.probability[key], default="")

@@ -22,7 +22,7 @@ class ProfileBeam(Beam):
 
     def __init__(self, profile: LampProfile, axis: Array, roll: float) -> None:
         self.profile, self.roll = profile, roll
-        self.axis: Array = axis
+        self.axis: Array = axis  # pyrefly: ignore[bad-override-mutable-attribute]
 
     @classmethod
     def of(cls, keys: BeamKeys) -> ProfileBeam | None:

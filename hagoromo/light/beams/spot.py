@@ -20,8 +20,8 @@ class SpotBeam(Beam):
     word = "spot"
 
     def __init__(self, axis: Array, focus: float) -> None:
-        self.axis: Array = axis
-        self.focus: float = focus
+        self.axis: Array = axis  # pyrefly: ignore[bad-override-mutable-attribute]
+        self.focus: float = focus  # pyrefly: ignore[bad-override-mutable-attribute]
 
     @classmethod
     def of(cls, keys: BeamKeys) -> SpotBeam | None:

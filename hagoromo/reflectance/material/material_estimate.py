@@ -137,9 +137,18 @@ class MaterialEstimate(RoughBody):
         law, alpha, lobes = self.body_law, self.alpha, tuple((beta * factor, width) for beta, width in self.lobes)
         if element != "plane" and not law.has_lambert_body:
             alpha, law = alpha * diffuse_albedo_ratio(law), BodyLaw()
-        numbers = {**{key: getattr(self, key) for key in STATED}, "alpha": alpha * factor, "beta": self.beta * factor}
-        shape = {"nu": self.nu, "lobes": lobes} | law.body_departures
-        named = {"body_colour": body, "interface_colour": interface, "element": element, "name": self.name}
+        numbers: dict[str, Any] = {
+            **{key: getattr(self, key) for key in STATED},
+            "alpha": alpha * factor,
+            "beta": self.beta * factor,
+        }
+        shape: dict[str, Any] = {"nu": self.nu, "lobes": lobes} | law.body_departures
+        named: dict[str, Any] = {
+            "body_colour": body,
+            "interface_colour": interface,
+            "element": element,
+            "name": self.name,
+        }
         return Reflectance(**numbers, **named, **shape)
 
     def _spectrum(

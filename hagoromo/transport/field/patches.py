@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import drjit as dr
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
+from scipy.sparse import coo_array, csr_array
 
 from hagoromo.backend import Array3f, Bool, Float, UInt, arrays, lookup, mitsuba, traced_scene
 from hagoromo.transport.field.second_order import NUMBERS
@@ -112,7 +112,7 @@ class Patches:
         places = np.unique(np.round(self.vertices / (1e-6 * size)), axis=0, return_inverse=True)[1].ravel()
         vertex, face = places[self.faces].ravel(), np.repeat(np.arange(self.count), 3)
         at_vertex = csr_array((np.ones(len(face)), (vertex, face)), shape=(int(places.max()) + 1, self.count))
-        pairs = at_vertex[vertex].tocoo()
+        pairs = coo_array(at_vertex[vertex])
         row, other = pairs.coords
         alike = np.sum(self.normals[face[row]] * self.normals[other], axis=1)
         weight = np.where(alike > SMOOTH, self.areas[other] * alike, 0.0)
