@@ -58,8 +58,9 @@ def mended(
         error = Judge(mender).error(fit)
         wanted = _wanted(error, settings, name_of, image.alpha.shape[1])
         progress(min(sums.count / max(wanted, 1), 1.0), "walks")
-        if wanted <= sums.count:
+        if wanted <= sums.count or (settings.error is None and wanted < sums.count + sums.least):
             break
+        wanted = max(wanted, sums.count + sums.least)
     if error.mended.at_most > BAD:
         warnings.warn(error.line() + "; more walks, or mode path, bring it nearer", stacklevel=4)
     return replace(_with_factors(image, mender.factors(fit)), metadata=image.metadata | {KEY: error.record()})

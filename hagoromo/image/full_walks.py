@@ -145,6 +145,11 @@ class BlockSums:
         """Walks so far."""
         return int(self.walks.sum())
 
+    @property
+    def least(self) -> int:
+        """Fewest further walks of which `walk_on` makes any: one through each pixel of the walked blocks."""
+        return int(self.blocks.sizes[self.chosen].sum())
+
     def walk_on(self, walks: int, through: WalkThrough) -> None:
         """Further walks, about so many: some more through each pixel of every block."""
         sizes = self.blocks.sizes[self.chosen]

@@ -186,6 +186,27 @@ def test_walks_go_on_to_the_error_that_is_asked_for_or_say_what_it_takes():
         hg.render(cube_scene(), hg.Settings(walks=5), mode="path")
 
 
+@pytest.mark.parametrize("asked", [None, 0.02])
+def test_what_is_left_of_the_walks_may_be_fewer_than_one_a_pixel(monkeypatch, asked):
+    """An even picture, whose blocks get equally many. It ends without them, or, where an error is asked for, goes on
+    with one more through each pixel.
+    """
+    scene = MadeUp(3, 0.3, 0.3, (64, 64))
+    scene.image.weights[..., 2], looks, pixels = 1.0, [], 64 * 64
+
+    def judged(mender):
+        looks.append(mender.sums.count)
+        assert len(looks) < 30
+        return Judge(mender)
+
+    monkeypatch.setattr("hagoromo.image.full_refine.FIRST_WALKS", 2 * pixels)
+    monkeypatch.setattr("hagoromo.image.full_refine.MOST_WALKS", round(3.3 * pixels))
+    monkeypatch.setattr("hagoromo.image.full_refine.Judge", judged)
+    mended_by(scene, None, error=asked)
+    assert (np.diff(looks) >= pixels).all()
+    assert asked is not None or looks == [2 * pixels, 3 * pixels]
+
+
 @pytest.fixture
 def coarse(monkeypatch):
     """Cells of two voxels."""
