@@ -125,7 +125,8 @@ def vertex_colours_of(mesh: Any, path: str | Path) -> tuple[Any, bool]:
 class MeshPart(NamedTuple):
     """vertices (n, 3), at their place, and faces (m, 3); uv (n, 2), v up; colours (n, 3 or 4) as the file has them.
 
-    material: its name; in a glTF that is read `numbered` its number, −1 without one.
+    material: its name; in a glTF that is read `numbered` its number, −1 without one. node: name of its node, as the
+    library that reads it has it: made up where the file has none.
     """
 
     vertices: NDArray[np.float64]
@@ -133,6 +134,7 @@ class MeshPart(NamedTuple):
     uv: NDArray[np.float64] | None
     colours: NDArray[Any] | None
     material: str
+    node: str
 
 
 def read_gltf(path: str | Path, numbered: bool = False) -> tuple[dict[str, Any], list[MeshPart]]:
@@ -153,10 +155,10 @@ def read_gltf(path: str | Path, numbered: bool = False) -> tuple[dict[str, Any],
 def parts_apart(file: Path, numbered: bool = False) -> list[MeshPart]:
     """The parts of an OBJ or a glTF, read in a process apart."""
     arrays = read_apart(parts_by_trimesh, file, "a mesh", numbered)
-    names = json.loads(arrays["materials"].tobytes())
+    materials, nodes = (json.loads(arrays[key].tobytes()) for key in ("materials", "nodes"))
     return [
-        MeshPart(arrays[f"v{k}"], arrays[f"f{k}"], arrays.get(f"u{k}"), arrays.get(f"c{k}"), name)
-        for k, name in enumerate(names)
+        MeshPart(arrays[f"v{k}"], arrays[f"f{k}"], arrays.get(f"u{k}"), arrays.get(f"c{k}"), *names)
+        for k, names in enumerate(zip(materials, nodes, strict=True))
     ]
 
 

@@ -52,7 +52,7 @@ def mesh_by_trimesh(path: Path, process: bool) -> Arrays:
 def parts_by_trimesh(path: Path, numbered: bool) -> Arrays:
     """Of each part k of an OBJ or a glTF, at its place: v{k}, f{k}; UVs u{k} and colours c{k}, where it has any.
 
-    materials: their names, as JSON in bytes. numbered: the numbers of the materials of a glTF in place of the names.
+    materials, nodes: their names, as JSON in bytes. numbered: a glTF's numbers of materials in place of their names.
     """
     import trimesh
 
@@ -66,14 +66,16 @@ def parts_by_trimesh(path: Path, numbered: bool) -> Arrays:
         else:
             data, files = f"mtllib {LIBRARY}\n".encode() + data, _names(data)
         scene: Any = trimesh.load_scene(io.BytesIO(data), file_type=suffix[1:], resolver=files, process=False)
-        arrays, names = {}, []
+        arrays, names, nodes = {}, [], []
         for node in scene.graph.nodes_geometry:
             place, name = scene.graph[node]
             mesh = scene.geometry[name]
             if hasattr(mesh, "faces") and len(mesh.faces):
                 arrays |= _part(mesh, place, len(names))
                 names.append(str(getattr(getattr(mesh.visual, "material", None), "name", None) or ""))
-    return arrays | {"materials": np.frombuffer(json.dumps(names).encode(), np.uint8)}
+                nodes.append(str(node))
+    lists = {"materials": names, "nodes": nodes}
+    return arrays | {name: np.frombuffer(json.dumps(each).encode(), np.uint8) for name, each in lists.items()}
 
 
 def _part(mesh: Any, place: NDArray[np.float64], number: int) -> Arrays:

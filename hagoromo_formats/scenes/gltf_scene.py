@@ -158,6 +158,7 @@ def _surfaces(
     from trimesh.visual import ColorVisuals, TextureVisuals
 
     materials = record.get("materials", [])
+    known = {node.get("name") for node in record.get("nodes", ())}
     to = Converter(folder, [])
     for number, part in enumerate(parts):
         visual = ColorVisuals() if part.uv is None else TextureVisuals(uv=part.uv)
@@ -185,7 +186,7 @@ def _surfaces(
             mesh.visual = ColorVisuals()
         data: Any = mesh.export(file_type="ply")
         (folder / file).write_bytes(data)
-        named = {"mesh": file, "name": f"mesh {number + 1}"}
+        named = {"mesh": file, "name": part.node if part.node in known else f"mesh {number + 1}"}
         yield named | tables | ({"body_texture": texture} if texture else {})
     made += [f"lost: {each}" for each in to.lost]
 
