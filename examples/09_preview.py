@@ -1,6 +1,6 @@
 """Preview while a lamp moves
 
-A first picture of every scene in a tenth of a second, and of the last one all finer ones up to the render, with the
+A first picture of every scene in a third of a second, and of the last one all finer ones up to the render, with the
 same bits.
 """
 
@@ -37,7 +37,7 @@ camera = hg.Camera(480, 360, (700.0, 700.0), (240.0, 180.0)).look_at((0.05, -0.2
 # many rays come in time: the picture of a slow moment is coarser. Times are of the machine that built this page, on one
 # core.
 
-view = hg.Preview(seconds=0.1)  # it keeps the box and the shadow maps, and learns how many rays come in time
+view = hg.Preview(seconds=0.3)  # it keeps the box and the shadow maps, and learns how many rays come in time
 first = []
 for turn in np.linspace(0.0, 2.0, 8):
     lamp = hg.Lamp(position=(0.5 * np.sin(turn), -0.5 * np.cos(turn), 0.4))

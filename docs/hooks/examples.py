@@ -19,7 +19,12 @@ from public_names import _entries
 
 SECTION, FOLDER = "Examples", "examples"
 PROCESSES = 2
-HEAD = """# Examples
+HEAD = """---
+hide:
+  - toc
+---
+
+# Examples
 
 Each page is a script of `examples/`, run when this site was built, with all that it printed and drew. Its end has the
 script, and the same as a notebook. All data are simulated, and each takes less than a minute on one core.
