@@ -47,7 +47,6 @@ changes = {
     "key of tungsten": image.with_lamps(spectrum={"key": hg.Spectrum.named("A")}),
     "fill alone": image.with_lamps(strength={"key": 0.0}),
 }
-daylight = hg.Spectrum.named("D65")
 figure, row = plt.subplots(1, 4, figsize=(11, 2.9), layout="constrained")
 for axes, (title, changed) in zip(row, changes.items(), strict=True):
     linear = hg.srgb_from_xyz(changed.xyz() / image.xyz()[..., 1].max())

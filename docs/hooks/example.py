@@ -104,7 +104,7 @@ def source_digest() -> str:
 
 def page(name: str, run: dict[str, Any]) -> str:
     """The Markdown of an example."""
-    parts = [f"# {run['title']}", run["about"]]
+    parts = ["---\nhide:\n  - toc\n---", f"# {run['title']}", run["about"]]
     for cell in run["cells"]:
         parts += [cell["text"]] if cell["text"] else []
         parts += [f"```python\n{cell['code']}\n```"] if cell["code"] else []

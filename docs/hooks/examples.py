@@ -56,7 +56,7 @@ def on_files(files: Any, config: Any, **_: Any) -> Any:
         for picture in home.glob("*.png"):
             files.append(File.generated(config, f"{FOLDER}/{picture.name}", abs_src_path=str(picture)))
         cards.append(card(script.stem, run))
-    grid = '<div class="examples" markdown>\n\n' + "\n".join(cards) + "\n</div>\n"
+    grid = '<div class="cards" markdown>\n\n' + "\n".join(cards) + "\n</div>\n"
     files.append(File.generated(config, f"{FOLDER}/index.md", content=HEAD + grid))
     return files
 
