@@ -21,6 +21,7 @@ CITED = re.compile(r"MODEL §(\d+(?:\.\d+)?)")
 SECTION = re.compile(r"^#+ §(\d+(?:\.\d+)?) .*\{ #s([\d-]+) \}$", re.MULTILINE)
 SOURCE = re.compile(r"([A-ZÁ-Ž][\w’'-]+)(?: (?:and|&) ([A-Z][\w-]+)| et al\.?)?,? \(?((?:19|20)\d\d)\b")  # author, year
 NO_SOURCES = {"CIE", "Schema", "Integument"}  # a standard, a dialect, a title's end
+GUIDES = [guide for guide in sorted((ROOT / "docs" / "howto").glob("*.md")) if guide.name != "index.md"]
 DRAWN = {"svg", "title", "defs", "marker", "path", "rect", "text", "g"}
 NAMES = [name for name in vars(hagoromo)["__all__"] if not name.startswith("__")]
 
@@ -73,6 +74,13 @@ def test_equations_are_drawn(site):
     """No LaTeX is left for a script to set, but in the labels of the drawings."""
     page = (site / "model" / "reflection.html").read_text(encoding="utf-8")
     assert page.count('class="equation"') > 20 and "arithmatex" not in page
+
+
+@pytest.mark.parametrize("guide", GUIDES, ids=lambda guide: guide.stem)
+def test_a_guide_begins_with_the_words_that_it_needs(guide):
+    """Three at least, each an entry of the glossary; the strict build of the site finds their places."""
+    _, words, *_ = guide.read_text(encoding="utf-8").split("\n\n")
+    assert words.startswith("*Words:* ") and len(re.findall(r"\]\(\.\./glossary\.md#[\w-]+\)", words)) >= 3
 
 
 @pytest.mark.nightly
