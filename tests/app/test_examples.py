@@ -18,6 +18,7 @@ SAID = {
     "07_a_matter_of_ones_own": ["VolumeBox(", "image.exr image.png"],
     "08_bsdf_in_mitsuba": ["the two differ by 0.", "largest difference"],
     "09_preview": ["pixels after", "100% of the work", "the same bits: True"],
+    "11_two_dates": ["regions that changed: colour in 1", "registered to 0.00"],
     "10_recover": ["Recovered('figure'", "gamma", "view 17", "dB", "its surface is off by 0."],
 }
 MOST_S = 60.0  # of processor time
