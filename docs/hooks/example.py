@@ -31,6 +31,7 @@ RUN = "run.json"
 PACKAGES = ("drjit", "mitsuba", "numpy", "scipy", "matplotlib", "colour-science")  # whose versions a run depends on
 READ = (".py", ".toml", ".csv", ".json", ".npz")  # suffixes of what a run may read of this repository
 DPI = 120
+LINK = re.compile(r"\[([^\]]+)\]\((?!https?:)[^)]+\)")  # to another page
 
 
 class Cell(NamedTuple):
@@ -83,7 +84,7 @@ def run_of(script: Path) -> Path:
         one_core = {"HAGOROMO_THREADS": "1", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
         set_up = {**os.environ, **one_core, "MPLBACKEND": "agg", "PYTHONPATH": str(ROOT)}
         subprocess.run(command, cwd=made, env=set_up, check=True, capture_output=True, text=True, encoding="utf-8")
-        for old in KEPT.glob(f"{script.stem}-*"):
+        for old in set(KEPT.glob(f"{script.stem}-*")) - {home}:
             shutil.rmtree(old, ignore_errors=True)
         with contextlib.suppress(OSError):  # another process has made it meanwhile
             os.replace(made, home)
@@ -96,7 +97,8 @@ def run_of(script: Path) -> Path:
 def source_digest() -> str:
     """Digest of what every run depends on: the packages' files and the versions of others."""
     found = hashlib.sha256(Path(__file__).read_bytes())
-    for file in sorted(one for one in ROOT.glob("hagoromo*/**/*") if one.suffix in READ):
+    files = [*ROOT.glob("hagoromo*/**/*"), *EXAMPLES.glob("recipes/*")]
+    for file in sorted(one for one in files if one.suffix in READ):
         found.update(f"{file.relative_to(ROOT)}\0".encode() + file.read_bytes())
     found.update("".join(f"{name} {version(name)}\n" for name in PACKAGES).encode())
     return found.hexdigest()
@@ -124,13 +126,14 @@ def card(stem: str, run: dict[str, Any]) -> str:
 
 
 def notebook(run: dict[str, Any]) -> dict[str, Any]:
-    """The example as a Jupyter notebook (nbformat 4.5), with what it printed."""
+    """The example as a Jupyter notebook (nbformat 4.5), with what it printed; links into the site are plain text."""
     texts = [f"# {run['title']}\n\n{run['about']}"]
     cells: list[dict[str, Any]] = []
     for number, cell in enumerate(run["cells"]):
         texts += [cell["text"]] if cell["text"] else []
         for text in texts:
-            cells.append({"cell_type": "markdown", "id": f"text-{len(cells)}", "metadata": {}, "source": text})
+            plain = LINK.sub(r"\1", text)
+            cells.append({"cell_type": "markdown", "id": f"text-{len(cells)}", "metadata": {}, "source": plain})
         texts = []
         said = [{"output_type": "stream", "name": "stdout", "text": cell["output"]}] if cell["output"] else []
         cells.append(
