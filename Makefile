@@ -62,7 +62,7 @@ mutants: $(READY) ## numbers of the laws are changed, 200 one at a time; lists w
 test-slow: $(READY) ## the tests that take minutes
 	$(BIN)/pytest -n 2 --dist worksteal -m slow
 
-docs: $(READY) ## the site of the documents, into out/docs/index.html; a dead link or an undocumented public name fails
+docs: $(READY) ## the site, into out/docs/index.html, with the examples run; a dead link or an undocumented public name fails
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
 	@echo out/docs/index.html
 

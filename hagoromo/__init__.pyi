@@ -75,6 +75,7 @@ from .calibration.response.response_calibration import ResponseCalibration as Re
 # Reflectance and its measurement
 from .reflectance.reflectance import Reflectance as Reflectance, interface_albedo as interface_albedo
 from .reflectance.torrance_sparrow import Cosines as Cosines, fresnel as fresnel, torrance_sparrow as torrance_sparrow
+from .reflectance.pigment import Pigment as Pigment, skin_colour as skin_colour
 from .reflectance.spectra.reflectance_prior import ReflectancePrior as ReflectancePrior
 from .reflectance.spectra.prior_spectra import read_spectra as read_spectra
 from .reflectance.spectra.spectrum_estimate import (

@@ -2,7 +2,8 @@
 
     python -m studies.tutorial_pictures --out out/tutorials
 
-Leaves: tutorial_dome.jpg and tutorial_skin.png, and the folders that the commands wrote.
+Leaves: tutorial_dome.jpg and tutorial_skin.png, and the folders that the commands wrote. Prints how far the normals of
+the dome's object are from the truth.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from contextlib import chdir
 from glob import glob
 from pathlib import Path
 
+import numpy as np
 import tyro
 
 import hagoromo as hg
@@ -40,6 +42,14 @@ def tutorial_pictures(out: str | Path, force: bool = False) -> Path:
     return Path(out)
 
 
+def normals_off(home: Path) -> float:
+    """Median angle [°] between the measured normals of the dome's object and the true ones, in a folder of the page."""
+    layers = [hg.read_exr(home / path / "normals.exr")[0] for path in ("measured", "dome/truth")]
+    found, true = (np.stack([one[f"N.{axis}"] for axis in "XYZ"], axis=2) for one in layers)
+    both = (np.linalg.norm(found, axis=2) > 0.5) & (np.linalg.norm(true, axis=2) > 0.5)
+    return float(np.median(np.degrees(np.arccos(np.clip(np.sum(found * true, axis=2)[both], -1.0, 1.0)))))
+
+
 def commands(page: Path) -> list[list[str]]:
     """The arguments of each `hagoromo` command of a page that stands outside of a quotation."""
     blocks = re.findall(r"^```sh\n(.*?)^```", page.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE)
@@ -55,7 +65,9 @@ def main(out: Path, force: bool = False) -> None:
         out: where to write the result.
         force: replace an existing result.
     """
-    print(f"wrote {tutorial_pictures(out, force)}")
+    home = tutorial_pictures(out, force)
+    print(f"normals of the dome's object: off by {normals_off(home):.2f}° (median)")
+    print(f"wrote {home}")
 
 
 if __name__ == "__main__":

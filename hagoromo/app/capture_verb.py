@@ -52,9 +52,10 @@ def capture(
     With --views: photographs taken all around an object → a capture for `recover`.
 
     Args:
-        photographs: RAW, TIFF, JPEG or PNG as the camera left them, or EXR of `develop`, all from one viewpoint.
-        lamps: lamps.json of `calibrate lamps`, or an .lp. A photograph gets the lamp with its name; if no name
-            matches, lamps are assigned in order.
+        photographs: RAW, TIFF, JPEG or PNG as the camera left them, or EXR of `develop`, all from one viewpoint; or the
+            folder that they are in, whose files of another format than most have are left out.
+        lamps: lamps.json of `calibrate lamps`, or an .lp; by default that in the folder of the photographs, where one
+            is given. A photograph gets the lamp with its name; if no name matches, lamps are assigned in order.
         ball: picture that is white on a chrome ball in the photographs, or its circle x,y,radius in pixels, one for
             each ball, in place of lamps: each photograph then shows where its own lamp is. auto: the balls are found;
             see balls.png of the capture. Balls are no part of the object. With --views, a ball of known size that
@@ -78,9 +79,13 @@ def capture(
         flat: frames of an evenly lit white field, by which photographs are divided.
     """
     from hagoromo.photograph.capture_folder import write_capture
+    from hagoromo.photograph.photograph_folder import lamp_list_in, photographs_in
     from hagoromo.photograph.session import session
 
     replaceable_folder(out, force)
+    if len(photographs) == 1 and photographs[0].is_dir():
+        lamps = lamps if lamps or ball or many.views else lamp_list_in(photographs[0])
+        photographs = tuple(photographs_in(photographs[0]))
     stated: dict[str, Any] = asdict(sensor)
     developing = hg.Developing(
         exposures_s=stated.pop("exposures"), darks=dark, dark_exposures_s=dark_exposures, flats=flat, bracket=bracket,

@@ -23,6 +23,7 @@ import tyro
 from tyro.conf import Positional
 
 import hagoromo as hg
+from hagoromo.app import batch_verb as batch_verb
 from hagoromo.app import cache_verb as cache_verb
 from hagoromo.app import capture_verb as capture_verb
 from hagoromo.app import change_verb as change_verb
@@ -50,7 +51,7 @@ from hagoromo.files.whole import (
     whole_folder,
 )
 
-DONE, SOME_FAILED, CANNOT_RENDER, BAD_INPUT, NOT_READ = 0, 1, 1, 2, 141
+DONE, CANNOT_RENDER, BAD_INPUT, NOT_READ = 0, 1, 2, 141
 DESCRIPTION = f"From calibrated photographs to measured reflectance, volume boxes and rendered images. {HELP}"
 PASSWORD = re.compile(r"[^\s=:/]*:[^\s]*@")  # a user, and a password, before the host of an address
 ANSI = re.compile(r"\x1b\[[0-9;]*m")
@@ -347,27 +348,6 @@ def relight(
     if relighting.advice is not None:
         say(relighting.advice)
     wrote(out / "report.html")
-
-
-@verb(verbs)
-def batch(
-    recipe: Positional[Path], out: Out, scheduler: Scheduler = HERE, dry_run: bool = False, force: Force = False
-) -> int:
-    """Commands over many captures, scenes or recipes; what did not change since the last run is not done again.
-
-    Exit status 1: some steps failed, the table names them; the others are done.
-
-    Args:
-        recipe: batch TOML: its steps, and the captures that they are repeated for.
-        dry_run: only say what would be done.
-    """
-    from hagoromo.app.batch.table import summary, table
-
-    with progress_bar("batch") as progress:
-        outcomes = hg.batch(recipe, out, scheduler=scheduler.chosen, dry_run=dry_run, force=force, progress=progress)
-    say(*table(outcomes, dry_run), summary(outcomes, dry_run))
-    failed = not dry_run and any(outcome.state in ("failed", "not run") for outcome in outcomes)
-    return SOME_FAILED if failed else DONE
 
 
 @verb(verbs)

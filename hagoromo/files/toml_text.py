@@ -32,7 +32,7 @@ def _is_section(value: Any) -> bool:
 
 
 def _lines(table: Mapping[str, Any]) -> str:
-    return "".join(f"{_key(key)} = {_value(value)}\n" for key, value in table.items() if value is not None)
+    return "".join(f"{_key(key)} = {toml_value(value)}\n" for key, value in table.items() if value is not None)
 
 
 def _key(key: str) -> str:
@@ -43,11 +43,11 @@ def _text(text: str) -> str:
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
-def _value(value: Any) -> str:
+def toml_value(value: Any) -> str:
+    """The TOML of one value, in one line."""
     if isinstance(value, Mapping):
-        return (
-            "{" + ", ".join(f"{_key(key)} = {_value(entry)}" for key, entry in value.items() if entry is not None) + "}"
-        )
+        entries = (f"{_key(key)} = {toml_value(entry)}" for key, entry in value.items() if entry is not None)
+        return "{" + ", ".join(entries) + "}"
     if isinstance(value, (list, tuple)):
-        return "[" + ", ".join(_value(entry) for entry in value) + "]"
+        return "[" + ", ".join(toml_value(entry) for entry in value) + "]"
     return _text(value) if isinstance(value, str) else json.dumps(value, allow_nan=False)

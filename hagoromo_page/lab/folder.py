@@ -7,8 +7,6 @@ the window writes lies in the folder `lab` below: choices and corrections by han
 from __future__ import annotations
 
 import os
-import re
-from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -20,10 +18,17 @@ from msgspec import Meta, structs
 from hagoromo.errors import InputError
 from hagoromo.files.checks import existing_folder, inside
 from hagoromo.files.content import digest
-from hagoromo.files.raw import RAW_SUFFIXES
 from hagoromo.files.record import Record, about, decode, read_json, up_to, write_json
 from hagoromo.light.lamp import Lamp
 from hagoromo.photograph.lamp_files import LP, faces_up, lamp_of_each, load_lamps
+from hagoromo.photograph.photograph_folder import (
+    as_counted,
+    files_in,
+    lamp_lists_among,
+    photographs_among,
+    suffix_of,
+    visible,
+)
 from hagoromo.photograph.pixels import SUFFIXES
 
 LAB, RECORD, MASK, CIRCLES_FROM = "lab", "lab/lab.json", "lab/mask.png", "lab/lamps.json"
@@ -107,12 +112,12 @@ class Folder:
     @cached_property
     def files(self) -> tuple[str, ...]:
         """Names of the files here, as people count: 2.jpg before 10.jpg."""
-        return tuple(sorted((one.name for one in _visible(self.home) if one.is_file()), key=_as_counted))
+        return tuple(files_in(self.home))
 
     @cached_property
     def folders(self) -> tuple[str, ...]:
         """Names of the folders here."""
-        names = sorted((one.name for one in _visible(self.home) if one.is_dir()), key=_as_counted)
+        names = sorted((one.name for one in visible(self.home) if one.is_dir()), key=as_counted)
         return tuple(name for name in names if name != LAB)[:MOST_FOLDERS]
 
     @cached_property
@@ -123,12 +128,12 @@ class Folder:
     @cached_property
     def left_out(self) -> tuple[str, ...]:
         """Pictures here that are not among the photographs."""
-        return tuple(name for name in self.files if _suffix(name) in SUFFIXES and name not in self.photographs)
+        return tuple(name for name in self.files if suffix_of(name) in SUFFIXES and name not in self.photographs)
 
     @cached_property
     def charts(self) -> tuple[str, ...]:
         """Pictures here and in the folder above that are not among the photographs: one may show a chart of colours."""
-        pictures = (name for name in self.beside if _suffix(name) in SUFFIXES and not name.startswith("-"))
+        pictures = (name for name in self.beside if suffix_of(name) in SUFFIXES and not name.startswith("-"))
         return tuple(name for name in pictures if name not in self.photographs)[:MOST_FOLDERS]
 
     @property
@@ -152,20 +157,20 @@ class Folder:
         """Where lamps may come from, the likeliest first: an .lp or lamps.json here or above, folders with photographs
         of a ball, a ball in the photographs.
         """
-        lists = [name for name in self.beside if _suffix(name) == LP or Path(name).name == "lamps.json"]
-        balls = [name for name in self._near_folders if _photographs(_names(self.file(name)))]
+        lists = lamp_lists_among(self.beside)
+        balls = [name for name in self._near_folders if _photographs(files_in(self.file(name)))]
         likely = [name for name in balls if "ball" in Path(name).name.lower()]
         return (*lists, *likely, ON_BALL, *(name for name in balls if name not in likely))
 
     @cached_property
     def beside(self) -> tuple[str, ...]:
         """Names of the files here and, with ../, in the folder above, unless that is outside of the root."""
-        above = () if self.home == self.root else _names(self.home.parent)
+        above = () if self.home == self.root else files_in(self.home.parent)
         return (*self.files, *(f"../{name}" for name in above))
 
     @cached_property
     def _near_folders(self) -> tuple[str, ...]:
-        above = [] if self.home == self.root else [one for one in _visible(self.home.parent) if one.is_dir()]
+        above = [] if self.home == self.root else [one for one in visible(self.home.parent) if one.is_dir()]
         return (*self.folders, *sorted(f"../{one.name}" for one in above if one != self.home))[:MOST_FOLDERS]
 
     @property
@@ -177,21 +182,21 @@ class Folder:
     @property
     def has_lamp_file(self) -> bool:
         """Whether the lamps come from a file, which may list them in a wrong order."""
-        return _suffix(self.lamps_from) in (LP, ".json")
+        return suffix_of(self.lamps_from) in (LP, ".json")
 
     @property
     def ball_photographs(self) -> tuple[str, ...]:
         """The photographs that a chrome ball is in: these, or those of another folder."""
         if self.lamps_from == ON_BALL or self.has_lamp_file:
             return self.photographs
-        names = _photographs(_names(self.file(self.lamps_from)))
+        names = _photographs(files_in(self.file(self.lamps_from)))
         return tuple(f"{self.lamps_from}/{name}" for name in names)
 
     @property
     def lamp_file(self) -> str:
         """The file that the capture has its lamps from: as it is, or as it was reordered by hand."""
         source = self.lamps_from if self.has_lamp_file else CIRCLES_FROM
-        reordered = ORDERED[0 if _suffix(source) == LP else 1]
+        reordered = ORDERED[0 if suffix_of(source) == LP else 1]
         return reordered if self.has_lamp_file and self.ordered != self.photographs else source
 
     def lamps(self) -> list[Lamp]:
@@ -243,29 +248,5 @@ def decode_circle(ball: Any) -> Circle:
         raise InputError(f"{CIRCLES_FROM} lists a ball without centre and radius: make it anew") from None
 
 
-def _visible(folder: Path) -> list[Path]:
-    try:
-        return [one for one in folder.iterdir() if not one.name.startswith(".")]
-    except OSError as error:
-        raise InputError(f"{folder} cannot be read: {error.strerror}: choose another folder") from error
-
-
-def _names(folder: Path) -> list[str]:
-    return sorted((one.name for one in _visible(folder) if one.is_file()), key=_as_counted)
-
-
 def _photographs(names: Sequence[str]) -> tuple[str, ...]:
-    counts = Counter(_suffix(name) for name in names if _suffix(name) in SUFFIXES)
-    if not counts:
-        return ()
-    most = max(counts, key=lambda suffix: (counts[suffix], suffix in RAW_SUFFIXES))
-    return tuple(name for name in names if _suffix(name) == most)[:MOST_PHOTOGRAPHS]
-
-
-def _suffix(name: str) -> str:
-    return Path(name).suffix.lower()
-
-
-def _as_counted(name: str) -> list[tuple[int, str]]:
-    parts = re.split(r"(\d+)", name.lower())
-    return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts]
+    return tuple(photographs_among(names)[:MOST_PHOTOGRAPHS])

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from hagoromo.photograph.photograph_folder import JPEGS
 from hagoromo_page.lab.folder import CIRCLES_FROM, MASK, ON_BALL, Folder
 from hagoromo_page.lab.step import LabStep, Option, as_words
 
 CAPTURE, HEALTH, MEASURED, RELIT = "lab/capture", "lab/health.json", "lab/measured", "lab/relit"
 CHART, RESPONSE = "lab/chart.exr", "lab/response.csv"
 PAGE, EXPORTED, BAG, PROFILE = "lab/page.html", "lab/export", "lab/bag", "lab/archive.toml"
-JPEGS = (".jpg", ".jpeg")
 CAMERAS = (".json", ".yml", ".yaml")
 NO_CAMERAS = ("lamps.json", "health.json")
 

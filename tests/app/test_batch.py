@@ -96,7 +96,7 @@ def test_a_step_that_fails_is_in_the_table_and_the_others_go_on(home, run):
     whole = spoilt.read_text()
     spoilt.write_text(whole.replace("gamma = 0.2", "gamma = -0.2"))
     status, lines, said = run()
-    assert status == 1 and said == ""
+    assert status == 2 and said == ""
     assert lines[0].startswith("rendered b  failed") and "b.toml" in lines[0] and "gamma" in lines[0]
     assert lines[1] == "dimmed b    not run    it needs the result of rendered b"
     assert lines[2:] == ["6 steps: 4 done, 1 failed, 1 not run"]

@@ -127,3 +127,14 @@ def test_a_calibrated_camera_is_read_back_without_its_corners(tmp_path):
     found = hg.CameraCalibration(camera, {"fl_x": 0.2}, 0.07, {"a.png": 0.06}, ("b.png",), (), {}, {})
     again = hg.CameraCalibration.load(found.save(tmp_path / "camera.json"))
     assert again.record() == found.record() and "rms 0.070 px" in repr(again)
+
+
+def test_a_folder_stands_for_its_photographs_and_the_list_of_lamps_in_it(laboratory, capsys):
+    """Files of another format, and camera.json, are no photographs; two lists of lamps are refused."""
+    given = ["capture", str(laboratory), "--camera", str(laboratory / "camera.json")]
+    assert main([*given, "--out", str(laboratory / "capture")]) == 0
+    assert "a: lamp a.png" in capsys.readouterr().out
+    assert [one.name for one in hg.load_capture(laboratory / "capture").photographs] == ["a", "b", "c"]
+    (laboratory / "dome.lp").touch()
+    assert main([*given, "--out", str(laboratory / "other")]) == 2
+    assert "dome.lp and lamps.json: say which" in capsys.readouterr().err

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 import hagoromo
+from tests.app.in_browser import CHROMIUM, FLAGS, started
 
 ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
@@ -20,6 +21,7 @@ CITED = re.compile(r"MODEL §(\d+(?:\.\d+)?)")
 SECTION = re.compile(r"^#+ §(\d+(?:\.\d+)?) .*\{ #s([\d-]+) \}$", re.MULTILINE)
 SOURCE = re.compile(r"([A-ZÁ-Ž][\w’'-]+)(?: (?:and|&) ([A-Z][\w-]+)| et al\.?)?,? \(?((?:19|20)\d\d)\b")  # author, year
 NO_SOURCES = {"CIE", "Schema", "Integument"}  # a standard, a dialect, a title's end
+GUIDES = [guide for guide in sorted((ROOT / "docs" / "howto").glob("*.md")) if guide.name != "index.md"]
 DRAWN = {"svg", "title", "defs", "marker", "path", "rect", "text", "g"}
 NAMES = [name for name in vars(hagoromo)["__all__"] if not name.startswith("__")]
 
@@ -72,6 +74,35 @@ def test_equations_are_drawn(site):
     """No LaTeX is left for a script to set, but in the labels of the drawings."""
     page = (site / "model" / "reflection.html").read_text(encoding="utf-8")
     assert page.count('class="equation"') > 20 and "arithmatex" not in page
+
+
+@pytest.mark.parametrize("guide", GUIDES, ids=lambda guide: guide.stem)
+def test_a_guide_begins_with_the_words_that_it_needs(guide):
+    """Three at least, each an entry of the glossary; the strict build of the site finds their places."""
+    _, words, *_ = guide.read_text(encoding="utf-8").split("\n\n")
+    assert words.startswith("*Words:* ") and len(re.findall(r"\]\(\.\./glossary\.md#[\w-]+\)", words)) >= 3
+
+
+@pytest.mark.nightly
+def test_search_works_from_a_file(site):
+    """A browser starts no worker and fetches nothing for a page of file://; nothing is asked of elsewhere."""
+    with started() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        shown, said, asked = browser.new_page(viewport={"width": 1250, "height": 900}), [], []
+        shown.on("console", lambda one: said.append(one.text))
+        shown.on("pageerror", lambda one: said.append(str(one)))
+        shown.on("request", lambda one: asked.append(one.url))
+        shown.goto((site / "howto" / "lab.html").as_uri())
+        shown.locator(".md-search__input").click()
+        shown.keyboard.type("deep shadow map")
+        found = shown.locator(".md-search-result__link")
+        found.first.wait_for()
+        places = [found.nth(k).get_attribute("href") or "" for k in range(found.count())]
+        assert "decisions/deep_shadow_maps.html" in places[0], places
+        found.first.click()
+        shown.locator("mark").first.wait_for()
+        browser.close()
+    assert said == [] and [address for address in asked if not address.startswith("file:")] == []
 
 
 def test_citations_of_the_model_lead_to_its_sections():

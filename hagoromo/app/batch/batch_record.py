@@ -9,9 +9,11 @@ from msgspec import Meta
 from hagoromo.files.record import Count, Record, about, one_of
 
 VERBS = (
-    "simulate", "develop", "capture", "convert", "calibrate", "measure", "build", "render", "expose", "relight",
+    "simulate", "develop", "capture", "convert", "calibrate", "health", "measure", "build", "render", "expose",
+    "relight", "publish",
 )  # fmt: skip
 Name = Annotated[str, Meta(pattern=r"^[a-z][a-z0-9_]{0,63}$")]
+Patterns = str | list[str] | None
 
 
 class StepRecord(Record, frozen=True, kw_only=True):
@@ -26,6 +28,9 @@ class StepRecord(Record, frozen=True, kw_only=True):
     options: Annotated[
         dict[str, Any], about("its options without --: text, number, true, or a list of them; files as in arguments")
     ] = {}
+    each: Annotated[
+        Patterns, about("what this step is repeated for, in place of the batch's; steps that use its result follow")
+    ] = None
     out: Annotated[str, about("where the result goes, inside the folder of the batch; {name} tells matches apart")]
 
 
@@ -35,7 +40,7 @@ class BatchRecord(Record, frozen=True, kw_only=True):
     version_key = "format_version"
 
     each: Annotated[
-        str | None, about("pattern of the files or folders that steps with {path} or {name} are repeated for")
+        Patterns, about("pattern, or list of patterns, of what steps with {path} or {name} are repeated for")
     ] = None
     step: Annotated[list[StepRecord], about("the steps; one that uses the result of another stands after it")]
     format_version: Annotated[Count, about("version of the format of batch files")] = 1
