@@ -8,6 +8,7 @@ cos^μ that is half where the cone's smooth edge is.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -43,6 +44,7 @@ from hagoromo_formats.scenes.pbr import PbrMaterial, lost_gloss, surface_of
 from hagoromo_formats.scenes.pbr_textures import look_of
 
 LIGHTS = "KHR_lights_punctual"
+ONE_OF_SEVERAL = re.compile(r"_[0-9a-f]{6}$")  # what trimesh adds to the name of a node whose mesh has several parts
 HEIGHT = 720  # px: a camera of glTF has a field of view and no pixels
 MOST_SURFACES = 2000
 WIDEST_CONE = math.pi / 2 - 1e-3
@@ -186,7 +188,8 @@ def _surfaces(
             mesh.visual = ColorVisuals()
         data: Any = mesh.export(file_type="ply")
         (folder / file).write_bytes(data)
-        named = {"mesh": file, "name": part.node if part.node in known else f"mesh {number + 1}"}
+        node = part.node if part.node in known else ONE_OF_SEVERAL.sub("", part.node)
+        named = {"mesh": file, "name": node if node in known else f"mesh {number + 1}"}
         yield named | tables | ({"body_texture": texture} if texture else {})
     made += [f"lost: {each}" for each in to.lost]
 

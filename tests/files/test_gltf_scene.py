@@ -51,6 +51,17 @@ def write(folder, more=()):
     return folder / "a.gltf"
 
 
+def test_surfaces_are_called_as_their_nodes(tmp_path):
+    """Those without a name by their numbers."""
+
+    def called(record):
+        record["nodes"][0]["name"] = "vase"
+
+    scene_from_gltf(write(tmp_path, [called]), tmp_path / "scene")
+    names = [surface.name for surface in load_scene(tmp_path / "scene" / "scene.toml")[0].surfaces]
+    assert sorted(names) == ["mesh 3", "mesh 4", "vase", "vase"]  # the mesh has two parts, at two places
+
+
 def test_cameras_lamps_and_meshes_stand_where_the_file_says(tmp_path):
     """A turn by 90° about y takes z to x: the camera is at (1, 2, 3) + 2 · 0.5 along x and looks along −x.
 
