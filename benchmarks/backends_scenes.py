@@ -45,7 +45,7 @@ class Case:
     bound: float | None = 1e-3
 
     def settings(self, seed: int = 0) -> hg.Settings:
-        """Pictures with noise have another seed on every backend. Full is compared as it is solved, without its walks."""
+        """Pictures with noise have another seed on every backend. Full is compared without the walks that mend it."""
         walks = 0 if self.mode == "full" else None
         return hg.Settings(self.samples, self.shadows, seed=seed if self.bound is None else 0, walks=walks)
 
