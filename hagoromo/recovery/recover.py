@@ -13,7 +13,7 @@ from hagoromo.files.memory import require
 from hagoromo.photograph.capture import Capture, load_capture
 from hagoromo.progress import Progress, part_of, silent
 from hagoromo.recovery.choices import AUTO, NONE, Light, parts_of
-from hagoromo.recovery.errors import Errors, errors_of
+from hagoromo.recovery.errors import errors_of
 from hagoromo.recovery.evidence import evidence_of
 from hagoromo.recovery.first_look import SIDE, Views, first_look
 from hagoromo.recovery.given import LEAST_VIEWS, check_lamps, check_not_cut, checked, kept_aside
@@ -136,7 +136,9 @@ def _recovered(
             known = evidence_of(descent, levels.before.gloss if len(levels.sides) > 1 else None)
             work.keep(known=known, checkpoints={WHOLE: levels.end})
         if both:
-            errors = _errors(levels, settings, part_of(progress, WHOLE_SHARE, 1.0 - WHOLE_SHARE, "errors"), work)
+            halves = _halves(levels, settings, part_of(progress, WHOLE_SHARE, 1.0 - WHOLE_SHARE, "errors"), work)
+            errors = errors_of(levels.shape, halves, levels.before if len(levels.sides) > 1 else None)
+            known = known and known.with_halves(*(half.gloss for half in halves))
     except KeyboardInterrupt:
         if levels.descent is None and levels.start is levels.before:
             raise
@@ -167,8 +169,8 @@ def _levels(views: Views, settings: RecoverySettings, look: Look, rays: int) -> 
     return Levels(views, Shape.of_hull(lattice, hull), sides, rays, settings.seed, settings.shadows, look)
 
 
-def _errors(whole: Levels, settings: RecoverySettings, progress: Progress, work: Work) -> Errors:
-    """The errors of what all photographs gave, by what each half of them gives."""
+def _halves(whole: Levels, settings: RecoverySettings, progress: Progress, work: Work) -> list[Shape]:
+    """What each half of the photographs gives, from which the errors of what all gave follow."""
     halves = []
     for number, name in enumerate(HALVES):
         views, keep = tuple(whole.views[number::2]), work.keeps(name)
@@ -176,7 +178,7 @@ def _errors(whole: Levels, settings: RecoverySettings, progress: Progress, work:
         half.run(settings.steps, part_of(progress, 0.5 * number, 0.5), keep, work.found.checkpoints.get(name))
         keep(half.end)
         halves.append(half.shape)
-    return errors_of(whole.shape, halves, whole.before if len(whole.sides) > 1 else None)
+    return halves
 
 
 def _changed(views: Views, look: Look) -> Views:

@@ -9,6 +9,7 @@ import pytest
 import hagoromo as hg
 from hagoromo.image.relight.stage import basis_camera
 from hagoromo.recovery.errors import NEAR
+from hagoromo.recovery.evidence import Evidence
 from hagoromo.recovery.export import conserving
 from hagoromo.recovery.recovered import score
 from studies.recover_scenes import Truth, aligned, misstated, shots, simulated
@@ -166,6 +167,15 @@ def test_errors_of_places_are_about_those_that_there_are(taken, aside):
     assert 0.4 < ratio < 2.0
     record = found.record()["errors"]
     assert record["position_m"][0] < record["position_m"][1] < VOXEL and record["never_shown"] < 0.2
+    low, high = found.record()["material"]["interval_95"]["gamma"]
+    assert low < 0.1 < high  # Truth().gamma
+
+
+def test_halves_of_the_photographs_widen_the_gloss():
+    """Half of what they differ by is a standard error of the mean of both; the others stay as they were."""
+    known = Evidence(np.diag([0.04, 0.01, 0.09]), np.zeros((1, 1, 1), np.int32))
+    widened = known.with_halves(np.log([2.0, 0.1, 0.5]), np.log([2.0, 0.1 * np.exp(0.4), 0.5]))
+    np.testing.assert_allclose(widened.covariance, np.diag([0.04, 0.01 + 0.2**2, 0.09]))
 
 
 def test_a_mesh_file_holds_the_errors_of_its_vertices(recovered, tmp_path):
