@@ -10,7 +10,7 @@ QUIET := --output-format min-text --min-severity error
 PACKAGES := hagoromo hagoromo_formats hagoromo_matter hagoromo_page hagoromo_start
 OWN := --no-deps --no-build-isolation -e .
 
-.PHONY: help setup demo test test-all test-slow mutants data docs bench figures fuzz crash package platforms schemas cycles constraints audit lowest
+.PHONY: help setup demo test test-all test-slow mutants data docs bench figures fuzz crash package blender platforms schemas cycles constraints audit lowest
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):.* ## /\1 /p' Makefile | while read -r name about; do printf '  make %-10s %s\n' "$$name" "$$about"; done
@@ -52,6 +52,9 @@ package: $(READY) ## wheel and sdist, into out/package, after the tests that loo
 	$(BIN)/pytest -q tests/app/test_packaging.py
 	$(BIN)/python -c 'from hatchling.build import build_sdist, build_wheel; build_sdist("out/package"); build_wheel("out/package")'
 	@ls out/package
+
+blender: $(READY) ## the extension for Blender 5, into out/package: docs/howto/blender.md
+	$(BIN)/python packaging/extension.py out/package
 
 fuzz: $(READY) ## a quarter of an hour of spoilt files of every kind: each is read, or refused in one line
 	$(BIN)/python -m fuzz --minutes 15 --processes 2 --keep out/fuzz

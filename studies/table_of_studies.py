@@ -131,6 +131,12 @@ STUDIES: dict[str, Study] = {
         (_module("walk_noise", RECIPES, "--out", "out/noise", "--force"),),
         _page("noise"),
     ),
+    "blender": Study(
+        "a ball that is dressed with skin in Blender, by both programs: docs/howto/blender.md (after `make cycles`)",
+        "minutes",
+        (_module("blender", "--out", "out/blender", "--force"),),
+        (("out/blender/blender.jpg", "docs/figures"),),
+    ),
     "orders": Study(
         "recipes by modes march, full and path, side by side: docs/orders.md",
         "minutes",
