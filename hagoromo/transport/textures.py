@@ -8,9 +8,8 @@ from typing import NamedTuple
 
 import drjit as dr
 import numpy as np
-from numpy.typing import NDArray
 
-from hagoromo.backend import Array3f, Bool, Float, Int, UInt, arrays, check_entries, clip, lookup
+from hagoromo.backend import Array3f, Bool, Float, Int, UInt, aligned, arrays, check_entries, clip, lookup
 from hagoromo.files.memory import require
 from hagoromo.transport.chart import PERIOD, ChartScale, SurfacePoint
 from hagoromo.volume.texel import DIRECTIONS, Level, LightScale, Texel
@@ -22,6 +21,7 @@ HIDDEN_OPTICAL_DEPTH = 6.5  # a lamp behind it counts as hidden: exp(−6.5) = 1
 LONGEST_PATH = 6.0  # longest path of light through a texel, in thicknesses: farther the surface is not flat
 MOST_SHADOW_STEPS = 64.0  # towards one lamp within the texel
 HEIGHT_ERROR = 0.35  # [voxel] error of interpolated heights where sheets are close
+NODES_AT_ONCE = 1 << 18  # of a level, that are packed together
 CELL_MARGIN = 1e-3  # [cell] by which the last cell along the height ends before its last node
 
 
@@ -106,8 +106,7 @@ class Textures:
                 row[:4] = texel.bottom, 1.0 / (texel.top - texel.bottom), band[0], band[1] - band[0]
                 row[4:8] = *(1.0 / np.array(texel.period)), 1.0 / texel.edges[0], voxel
         self.whole, self.floats = lookup(jit.UInt, whole), lookup(jit.Float, floats)
-        self.densities_pool = lookup(jit.UInt, np.concatenate([_pairs(level) for level in levels]))
-        self.axes_pool = dr.concat([_axes(level) for level in levels])
+        self.densities_pool, self.axes_pool = _densities_pool(levels, count), _axes_pool(levels, count)
         dr.eval(self.rows, self.steps, self.scale, self.whole, self.floats, self.densities_pool, self.axes_pool)
 
     def textured(self, box: UInt) -> Bool:
@@ -256,17 +255,41 @@ def _entries(level: Level) -> int:
     return level.density.size // len(level.density) * (len(level.density) + 1)
 
 
-def _pairs(level: Level) -> NDArray[np.uint32]:
-    """Densities as halves, each with the next above it."""
-    total = level.density.astype(np.float32).sum(axis=0, keepdims=True).astype(np.float16)
-    density = np.concatenate([total, level.density])
-    halves = np.where(density < SMALLEST_DENSITY, np.float16(0), density).view(np.uint16).astype(np.uint32)
-    above = np.concatenate([halves[..., 1:], np.zeros_like(halves[..., :1])], axis=-1)
-    return (halves | above << np.uint32(16)).ravel().astype(np.uint32)
+def _densities_pool(levels: Sequence[Level], count: int) -> UInt:
+    """Densities as halves, each with the next above it, of all levels; filled some rows at a time."""
+    pool, start = aligned(count, np.uint32), 0
+    for level in levels:
+        for rows in _rows(level):
+            density = level.density[:, rows]
+            total = density.sum(axis=0, dtype=np.float32).astype(np.float16)
+            for number, values in enumerate((total, *density)):
+                halves = np.where(values < SMALLEST_DENSITY, np.float16(0), values).view(np.uint16)
+                first = start + (number * level.nodes[0] + rows.start) * values[0].size
+                pairs = pool[first : first + values.size].reshape(values.shape)
+                pairs[...] = halves
+                pairs[..., :-1] |= halves[..., 1:].astype(np.uint32) << np.uint32(16)
+        start += _entries(level)
+    return arrays().UInt(pool)
 
 
-def _axes(level: Level) -> Int:
-    """Packed axes; none of all populations together."""
+def _axes_pool(levels: Sequence[Level], count: int) -> Int:
+    """Packed axes of all levels; none of all populations together."""
     jit = arrays()
-    axis = np.concatenate([np.zeros_like(level.axis[:1]), level.axis])
-    return packed_axis(jit.Array3f(dr.unravel(jit.Array3f16, lookup(jit.Float16, axis))))
+    pool, start = dr.zeros(jit.Int, count), 0
+    for level in levels:
+        nodes = level.density[0].size
+        for number, values in enumerate((np.zeros_like(level.axis[0]), *level.axis)):
+            for rows in _rows(level):
+                axis = packed_axis(jit.Array3f(dr.unravel(jit.Array3f16, lookup(jit.Float16, values[rows]))))
+                first = start + number * nodes + rows.start * values[0, ..., 0].size
+                dr.scatter(pool, axis, dr.arange(jit.UInt, dr.width(axis)) + dr.opaque(jit.UInt, first))
+                dr.eval(pool)
+        start += _entries(level)
+    return pool
+
+
+def _rows(level: Level) -> list[slice]:
+    """Rows along v of about NODES_AT_ONCE nodes of a population."""
+    v, u, h = level.nodes
+    step = max(NODES_AT_ONCE // (u * h), 1)
+    return [slice(begin, min(begin + step, v)) for begin in range(0, v, step)]

@@ -15,16 +15,23 @@ from hagoromo.volume.texel import Texel
 LAMP_DISTANCE_M = 1e3  # [m] distance of the lamps
 
 
+def on_device(texel: Texel) -> Textures:
+    """The levels of a texel as kernels read them."""
+    return Textures([(texel, (texel.bottom, texel.top), 1.0)])
+
+
 class Layer:
     """A flat layer of level number `level` of a texel. tau: extinction where the density is 1 [1/m].
 
-    elements: of every population. projected: whether extinction is by their projected area.
+    elements: of every population. projected: whether extinction is by their projected area. textures: of the texel, see
+    `on_device`; all its levels share them.
     """
 
-    def __init__(self, texel: Texel, level: int, tau: float, elements: Sequence[str], projected: bool) -> None:
+    def __init__(
+        self, texel: Texel, level: int, tau: float, elements: Sequence[str], projected: bool, textures: Textures
+    ) -> None:
         self.texel, self.level, self.tau = texel, level, tau
-        self.elements, self.projected = tuple(elements), projected
-        self.textures = Textures([(texel, (texel.bottom, texel.top), 1.0)])
+        self.elements, self.projected, self.textures = tuple(elements), projected, textures
         self.box, self.row = arrays().UInt(0), dr.opaque(arrays().UInt, level)
         self.lattice, self.thickness = self.textures.lattice(self.box, self.row), texel.top - texel.bottom
 

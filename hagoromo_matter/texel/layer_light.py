@@ -29,7 +29,7 @@ PROBES = tuple(
 )  # ways out that tell where it is lit
 DRAWN_AT = (0.25, 0.25, 0.4, 0.1)  # shares of the points: at the top, at the bottom, where light passes, anywhere
 TO_EYE = 1.0  # length of a step towards the eye, in steps of a camera ray
-LANES = 1 << 22  # points and pairs that are computed together
+LANES = 1 << 20  # points and pairs that are computed together
 POINT_SEED = 1
 Materials = Sequence[Reflectance]
 

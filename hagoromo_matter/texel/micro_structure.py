@@ -14,10 +14,11 @@ from hagoromo.errors import InputError
 from hagoromo.files.memory import require
 from hagoromo.matter.fill import MM
 from hagoromo.volume.texel import Texel
-from hagoromo_matter.texel.texel_levels import levels_of
+from hagoromo_matter.texel.texel_levels import Nodes, levels_of
 
 Field = Callable[[Any, Any], tuple[Any, Any, Any]]
-NODES_AT_ONCE = 1 << 20  # nodes that are evaluated together
+NODES_AT_ONCE = 1 << 18  # nodes that are evaluated together
+LEVELS = 1.25  # memory of all levels, in that of the finest
 LARGEST_CELLS = 4095  # largest number of cells in a period
 
 
@@ -44,32 +45,30 @@ def texel(
         )
     nu, nv, nh = cells.astype(int).tolist()
     shape = (nv + 1, variants * nu + 1, nh + 1)
-    require(48 * populations * math.prod(shape), f"a texel of {shape[1]} × {shape[0]} × {shape[2]} voxels")
-    density = np.zeros((populations, *shape), np.float32)
-    axis = np.zeros((populations, *shape, 3), np.float32)
-    values = [
-        np.concatenate(parts)
-        for parts in zip(*_evaluated(field, (nv, nu, nh), size, heights_mm[0], variants), strict=True)
-    ]
-    held, tangent, number = (value.reshape(nv, variants * nu, nh + 1, *value.shape[1:]) for value in values)
-    if number.max() >= populations:
-        raise InputError(f"the field of a texel has population {number.max()} of {populations}: numbers start at 0")
-    for k in range(populations):
-        own = np.where(number == k, held, 0.0)
-        density[k] = _closed(own)
-        axis[k] = _closed(np.where((own > 0)[..., None], tangent, 0.0))
+    require(_bytes(shape, populations), f"a texel of {shape[1]} × {shape[0]} × {shape[2]} voxels")
+    nodes = _evaluated(field, (nv, nu, nh), size, heights_mm[0], populations, variants)
     period = (period_mm[0] * MM, period_mm[1] * MM)
-    return Texel(period, heights_mm[0] * MM, heights_mm[1] * MM, variants, levels_of(density, axis, variants))
+    return Texel(period, heights_mm[0] * MM, heights_mm[1] * MM, variants, levels_of(nodes))
 
 
-def _evaluated(field: Field, cells: tuple[int, int, int], size: NDArray, bottom: float, variants: int) -> Any:
+def _bytes(shape: tuple[int, int, int], populations: int) -> float:
+    """Memory that a texel of so many nodes takes while it is made [byte]: 17 a node, and its levels."""
+    return math.prod(shape) * (17.0 + (8.0 * populations + 5.0) * LEVELS)
+
+
+def _evaluated(
+    field: Field, cells: tuple[int, int, int], size: NDArray, bottom: float, populations: int, variants: int
+) -> Nodes:
     """Density, tangent and population at the nodes (v, variant and u, height), part by part."""
     import drjit as dr
 
     jit, (nv, nu, nh) = arrays(), cells
     count = nv * variants * nu * (nh + 1)
+    held, tangent = np.empty(count, np.float32), np.empty((count, 3), np.float32)
+    which = np.empty(count, np.uint8)
     for start in range(0, count, NODES_AT_ONCE):
-        index = dr.arange(jit.UInt, min(NODES_AT_ONCE, count - start)) + dr.opaque(jit.UInt, start)
+        some = slice(start, min(start + NODES_AT_ONCE, count))
+        index = dr.arange(jit.UInt, some.stop - start) + dr.opaque(jit.UInt, start)
         h, column = index % (nh + 1), index // (nh + 1)
         across, v = column % (variants * nu), column // (variants * nu)
         point = jit.Array3f(
@@ -77,16 +76,17 @@ def _evaluated(field: Field, cells: tuple[int, int, int], size: NDArray, bottom:
             jit.Float(v) * float(size[1] / nv),
             dr.fma(jit.Float(h), float(size[2] / nh), float(bottom)),
         )
-        density, tangent, number = field(point, across // nu)
+        density, along, number = field(point, across // nu)
         nothing = jit.Float(0.0) * point.x
-        yield (
-            np.array(jit.Float(density) + nothing),
-            np.array(jit.Array3f(tangent) + nothing).T,
-            np.array(jit.UInt(number) + jit.UInt(nothing)),
-        )
-
-
-def _closed(values: NDArray) -> NDArray:
-    """Values (v, u, …) with the first row and column again as the last."""
-    values = np.concatenate([values, values[:, :1]], axis=1)
-    return np.concatenate([values, values[:1]], axis=0)
+        held[some] = np.array(jit.Float(density) + nothing)
+        tangent[some] = np.array(jit.Array3f(along) + nothing).T
+        numbers = np.array(jit.UInt(number) + jit.UInt(nothing))
+        if numbers.max() >= populations:
+            raise InputError(
+                f"the field of a texel has population {numbers.max()} of {populations}: numbers start at 0"
+            )
+        which[some] = numbers
+    lattice = nv, variants * nu, nh + 1
+    return Nodes(
+        held.reshape(lattice), tangent.reshape(*lattice, 3), which.reshape(lattice), populations, variants
+    )

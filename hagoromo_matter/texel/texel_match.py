@@ -9,7 +9,7 @@ until the layer sends back as much, for every pair of directions of `table_direc
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -25,7 +25,7 @@ from hagoromo.transport.medium import NEGLIGIBLE_OPTICAL_DEPTH
 from hagoromo.transport.textures import STEPS_PER_CELL
 from hagoromo.volume.box_header import Extinction
 from hagoromo.volume.texel import LEAST_FACTOR, Level, Texel, table_directions, unscaled
-from hagoromo_matter.texel.layer import LAMP_DISTANCE_M, Layer
+from hagoromo_matter.texel.layer import LAMP_DISTANCE_M, Layer, on_device
 from hagoromo_matter.texel.layer_light import MatterPoints, light_of_pairs, parts_of, vectors, weights_of
 
 DIRECTION_PAIRS = 128  # pairs of directions, to the eye and to a lamp
@@ -69,16 +69,21 @@ def matched(texel: Texel, tau: float, materials: Sequence[Reflectance], extincti
     if len(materials) != texel.populations:
         raise InputError(f"{len(materials)} materials are given: a texel needs one per population, {texel.populations}")
     rays, like = LayerRays(), (tau, [m.element for m in materials], extinction == "projected")
-    layers = [Layer(texel, k, *like) for k in range(len(texel.levels))]
-    depths = [tau * np.array(_through(RaysThrough(layer, rays))[0]) for layer in layers]
+    depths = [tau * np.array(_through(RaysThrough(layer, rays))[0]) for layer in _layers(texel, *like)]
     passed = float(np.exp(-depths[0]).mean())
     factors = [1.0, *(_factor(depth, passed) for depth in depths[1:])]
     levels = [_denser(level, factor) for level, factor in zip(texel.levels, factors, strict=True)]
     texel = replace(texel, levels=tuple(levels))
-    sent = [_sent_everywhere(Layer(texel, k, *like), materials) for k in range(len(levels))]
+    sent = [_sent_everywhere(layer, materials) for layer in _layers(texel, *like)]
     scales = [unscaled(texel.populations, parts_of(materials)), *(_scale(light, sent[0]) for light in sent[1:])]
     levels = [replace(level, scale=scale) for level, scale in zip(levels, scales, strict=True)]
     return replace(texel, levels=tuple(levels))
+
+
+def _layers(texel: Texel, tau: float, elements: Sequence[str], projected: bool) -> Iterator[Layer]:
+    """A layer of every level, of one copy of the texel on the device."""
+    textures = on_device(texel)
+    return (Layer(texel, k, tau, elements, projected, textures) for k in range(len(texel.levels)))
 
 
 def light_sent(
@@ -95,7 +100,8 @@ def light_sent(
     irradiance on a plane that faces the lamp. It is followed along rays, as a camera's, and has no part in the match.
     """
     rays = rays or LayerRays()
-    layer = Layer(texel, level, tau, [m.element for m in materials], extinction == "projected")
+    elements = [m.element for m in materials]
+    layer = Layer(texel, level, tau, elements, extinction == "projected", on_device(texel))
     light = np.stack([np.array(values, np.float64) for values in _through(RaysThrough(layer, rays, materials))[1]])
     return light.reshape(len(materials), parts_of(materials), rays.pairs, -1).mean(axis=-1).transpose(2, 0, 1)
 
@@ -211,6 +217,8 @@ def _factor(depth: NDArray, passed: float) -> float:
 
 
 def _denser(level: Level, factor: float) -> Level:
+    if factor == 1.0:
+        return level
     return replace(level, density=(level.density.astype(np.float32) * factor).astype(np.float16))
 
 
