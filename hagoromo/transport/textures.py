@@ -47,7 +47,8 @@ class Corner:
 class TexelLevel:
     """A level of a texel as kernels read it."""
 
-    offset: UInt  # of its first node in the pools
+    offset: UInt  # of its first node in the pool of densities
+    axes_behind: UInt  # how much farther on its first axis is in theirs, modulo 2³²
     across: UInt  # nodes along u, all variants
     high: UInt  # nodes along the height
     deep: UInt  # nodes along v
@@ -91,6 +92,8 @@ class Textures:
         rows = [_level_row(texel, level) for texel in texels for level in texel.levels]
         words = np.array([(offset, *row) for offset, row in zip(offsets, rows, strict=False)], np.uint32)
         self.rows = lookup(jit.UInt, words)
+        axes = np.cumsum([0, *(level.density.size for level in levels)])
+        self.axes_behind = lookup(jit.UInt, (axes - offsets)[:-1].astype(np.uint32))
         edges = np.concatenate([texel.edges for texel in texels])
         self.steps = lookup(jit.Float, (edges / STEPS_PER_CELL * finer).astype(np.float32))
         self.populations = max(texel.populations for texel in texels)
@@ -106,8 +109,8 @@ class Textures:
                 row[:4] = texel.bottom, 1.0 / (texel.top - texel.bottom), band[0], band[1] - band[0]
                 row[4:8] = *(1.0 / np.array(texel.period)), 1.0 / texel.edges[0], voxel
         self.whole, self.floats = lookup(jit.UInt, whole), lookup(jit.Float, floats)
-        self.densities_pool, self.axes_pool = _densities_pool(levels, count), _axes_pool(levels, count)
-        dr.eval(self.rows, self.steps, self.scale, self.whole, self.floats, self.densities_pool, self.axes_pool)
+        self.densities_pool, self.axes_pool = _densities_pool(levels, count), _axes_pool(levels)
+        dr.eval(self.rows, self.axes_behind, self.steps, self.scale, self.whole, self.floats, self.densities_pool, self.axes_pool)
 
     def textured(self, box: UInt) -> Bool:
         """Whether box number `box` has a texel."""
@@ -143,9 +146,11 @@ class Textures:
         """What look-ups in one level have in common."""
         jit = arrays()
         offset, across, high, packed = dr.gather(jit.Array4u, self.rows, level)
+        behind = dr.gather(jit.UInt, self.axes_behind, level)
         _, _, variants, populations = dr.gather(jit.Array4u, self.whole, box)
         bottom, inverse, _, _ = dr.gather(jit.Array4f, self.floats, 2 * box)
-        return TexelLevel(offset, across, high, packed & 0xFFFF, packed >> 16, variants, populations, bottom, inverse)
+        deep, cells = packed & 0xFFFF, packed >> 16
+        return TexelLevel(offset, behind, across, high, deep, cells, variants, populations, bottom, inverse)
 
     def density(self, lattice: TexelLevel, here: SurfacePoint) -> Float:
         """Density of all populations together; 0 above and below the texel."""
@@ -177,7 +182,8 @@ class Textures:
         steps = [h + v + u for h in (0, 1) for v in (0, lattice.across * lattice.high) for u in (0, lattice.high)]
         each = []
         for k in range(self.populations):
-            start = corner.node + dr.select(lattice.populations > k, (k + 1) * lattice.nodes, 0)
+            number = dr.select(lattice.populations > k, k * lattice.nodes, 0)
+            start = corner.node + lattice.axes_behind + number
             words = [dr.gather(arrays().Int, self.axes_pool, start + step) for step in steps]
             each.append(axis_between(words, corner.part, tangents[k]))
         return each
@@ -272,19 +278,18 @@ def _densities_pool(levels: Sequence[Level], count: int) -> UInt:
     return arrays().UInt(pool)
 
 
-def _axes_pool(levels: Sequence[Level], count: int) -> Int:
-    """Packed axes of all levels; none of all populations together."""
+def _axes_pool(levels: Sequence[Level]) -> Int:
+    """Packed axes of all levels, population by population."""
     jit = arrays()
-    pool, start = dr.zeros(jit.Int, count), 0
+    pool, start = dr.zeros(jit.Int, max(sum(level.density.size for level in levels), 2)), 0
     for level in levels:
-        nodes = level.density[0].size
-        for number, values in enumerate((np.zeros_like(level.axis[0]), *level.axis)):
+        for values in level.axis:
             for rows in _rows(level):
                 axis = packed_axis(jit.Array3f(dr.unravel(jit.Array3f16, lookup(jit.Float16, values[rows]))))
-                first = start + number * nodes + rows.start * values[0, ..., 0].size
-                dr.scatter(pool, axis, dr.arange(jit.UInt, dr.width(axis)) + dr.opaque(jit.UInt, first))
+                dr.scatter(pool, axis, dr.arange(jit.UInt, dr.width(axis)) + dr.opaque(jit.UInt, start))
                 dr.eval(pool)
-        start += _entries(level)
+                dr.sync_thread()  # the memory of rows that wait for the device adds up
+                start += dr.width(axis)
     return pool
 
 

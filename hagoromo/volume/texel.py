@@ -125,7 +125,7 @@ class Level:
 
     @property
     def bytes(self) -> int:
-        """Memory on the device [byte]: all populations together have densities, too."""
+        """Memory on the device [byte], at most: all populations together count as one, which has no axes, though."""
         return 8 * (self.density.size + self.density.size // len(self.density)) + 4 * self.scale.size
 
 

@@ -17,6 +17,7 @@ from hagoromo.volume.texel import Level, unscaled
 
 FEWEST_ALONG_HEIGHT = 4  # cells
 NODES_AT_ONCE = 1 << 17  # of which moments are held
+SLABS = 8  # that are averaged along the height one after the other
 MOMENTS = 10  # numbers of a node: ρ, ρ a (3), and the upper triangle of ρ a aᵀ (6)
 Values = NDArray[np.float32]
 Part = Callable[[int, slice], Values]  # variant, heights → moments (v, u, h, MOMENTS)
@@ -133,7 +134,8 @@ def _coarser(part: Part, cells: Cells, fewer: Cells, variants: int) -> Values:
             some = slice(begin, min(begin + heights, cells[2] + 1))
             narrow = np.tensordot(around_u, part(variant, some), (1, 1))  # u, v, h, MOMENTS
             flat[:, :, some] = np.tensordot(around_v, narrow, (1, 1))
-        blocks[variant] = np.moveaxis(np.tensordot(upwards, flat, (1, 2)), 0, 2)
+        for rows in np.array_split(np.arange(fewer[1]), min(SLABS, fewer[1])):
+            blocks[variant, rows] = np.moveaxis(np.tensordot(upwards, flat[rows], (1, 2)), 0, 2)
     blocks[:, 0] = blocks[:, 0].mean(axis=0, keepdims=True)  # any variant may be the neighbour
     blocks[:, :, 0] = blocks[:, :, 0].mean(axis=0, keepdims=True)
     return blocks

@@ -82,6 +82,7 @@ def matched(texel: Texel, tau: float, materials: Sequence[Reflectance], extincti
 
 def _layers(texel: Texel, tau: float, elements: Sequence[str], projected: bool) -> Iterator[Layer]:
     """A layer of every level, of one copy of the texel on the device."""
+    dr.flush_malloc_cache()  # of what is there no longer, such as the copy before
     textures = on_device(texel)
     return (Layer(texel, k, tau, elements, projected, textures) for k in range(len(texel.levels)))
 
