@@ -29,7 +29,7 @@ from hagoromo.files import apart, hdr
 from hagoromo.files.exif import Exif
 from hagoromo.files.exr import write_exr
 from hagoromo.files.mesh import read_mesh
-from hagoromo.files.volume_file import VolumeFile, read_volume
+from hagoromo.files.volume_file import read_volume
 from hagoromo.files.whole import write_text
 from hagoromo.image.any_picture import read_any_picture
 from hagoromo.photograph.development.exposure import StatedExposure, read_exposure
@@ -287,7 +287,7 @@ def not_apart(home: Path) -> list[Case]:
 
     picture, values = photograph()[::3, ::3], lattice()
     write_exr(home / "lines.exr", {name: picture[..., k].astype(np.float32) for k, name in enumerate("RGB")})
-    write_nrrd(home / "a.nrrd", VolumeFile(values, np.eye(4), ""), "a")
+    write_nrrd(home / "a.nrrd", values, np.eye(4), "a")
     chunk = values[:64, :64, :128].astype(np.float32)
     (home / "chunk").write_bytes(Zstd().encode(np.ascontiguousarray(chunk)))
     records.pictures.exif_jpeg(home / "exif.jpg")

@@ -19,10 +19,9 @@ METAIMAGE = (
 
 def nrrd(path: Path) -> None:
     """NRRD, gzip."""
-    from hagoromo.files.volume_file import VolumeFile
     from hagoromo_formats.volumes.nrrd_file import write_nrrd
 
-    write_nrrd(path, VolumeFile(VALUES, MATRIX, ""), "sample")
+    write_nrrd(path, VALUES, MATRIX, "sample")
 
 
 def metaimage(path: Path) -> None:

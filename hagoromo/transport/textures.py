@@ -110,7 +110,16 @@ class Textures:
                 row[4:8] = *(1.0 / np.array(texel.period)), 1.0 / texel.edges[0], voxel
         self.whole, self.floats = lookup(jit.UInt, whole), lookup(jit.Float, floats)
         self.densities_pool, self.axes_pool = _densities_pool(levels, count), _axes_pool(levels)
-        dr.eval(self.rows, self.axes_behind, self.steps, self.scale, self.whole, self.floats, self.densities_pool, self.axes_pool)
+        dr.eval(
+            self.rows,
+            self.axes_behind,
+            self.steps,
+            self.scale,
+            self.whole,
+            self.floats,
+            self.densities_pool,
+            self.axes_pool,
+        )
 
     def textured(self, box: UInt) -> Bool:
         """Whether box number `box` has a texel."""

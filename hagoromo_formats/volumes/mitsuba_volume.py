@@ -13,6 +13,7 @@ from hagoromo.errors import InputError
 from hagoromo.files.checks import sized_file
 from hagoromo.files.volume_file import VolumeFile, grid_matrix
 from hagoromo.files.whole import whole_file
+from hagoromo_formats.volumes.lattice_field import LatticeField, lattice_field, slabs
 from hagoromo_formats.volumes.payload import read_payload
 
 MAGIC, VERSION = b"VOL", 3
@@ -39,11 +40,12 @@ def read_mitsuba_volume(path: str | Path) -> VolumeFile:
     return VolumeFile(values, grid_matrix(edges.tolist(), (low + 0.5 * edges).tolist()), str(path))
 
 
-def write_mitsuba_volume(path: str | Path, values: NDArray[Any], edge: float) -> None:
+def write_mitsuba_volume(path: str | Path, values: NDArray[Any] | LatticeField, edge: float) -> None:
     """Write values (nz, ny, nx[, channels]) as floats in voxels of one edge [m]; the box begins at 0."""
-    nz, ny, nx = values.shape[:3]
-    channels = values.shape[3] if values.ndim == 4 else 1
+    field = lattice_field(values)
+    nz, ny, nx = field.shape[:3]
+    channels = field.shape[3] if len(field.shape) == 4 else 1
     head = HEAD.pack(MAGIC, VERSION, 1, nx, ny, nz, channels, 0, 0, 0, nx * edge, ny * edge, nz * edge)
     with whole_file(path, force=True) as partial, partial.open("wb") as file:
         file.write(head)
-        file.write(np.ascontiguousarray(values, "<f4").tobytes())
+        file.writelines(np.ascontiguousarray(slab, "<f4").tobytes() for slab in slabs(field))

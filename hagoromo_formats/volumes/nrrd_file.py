@@ -6,6 +6,7 @@ Lengths without a unit are millimetres. The header's space (left-posterior-super
 from __future__ import annotations
 
 import io
+import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -17,10 +18,12 @@ from hagoromo.errors import InputError
 from hagoromo.files.checks import inside, sized_file
 from hagoromo.files.reading import library, reading
 from hagoromo.files.volume_file import MM, Later, VolumeFile
-from hagoromo.files.whole import write_bytes
-from hagoromo_formats.volumes.payload import BZIP2, GZIP, PLAIN, read_payload
+from hagoromo.files.whole import whole_file
+from hagoromo_formats.volumes.lattice_field import LatticeField, lattice_field, slabs
+from hagoromo_formats.volumes.payload import BZIP2, GZIP, PLAIN, WINDOW_BITS, read_payload
 
 LARGEST_HEADER = 1 << 20  # bytes
+LEVEL = 9  # of packing
 PACKINGS = {"raw": PLAIN, "gzip": GZIP, "gz": GZIP, "bzip2": BZIP2, "bz2": BZIP2}
 UNITS = {"": MM, "mm": MM, "millimeter": MM, "um": 1e-6, "µm": 1e-6, "micron": 1e-6, "cm": 1e-2, "m": 1.0}
 SPATIAL = ("domain", "space", "none", "???")  # kinds of an axis of places
@@ -49,11 +52,13 @@ def read_nrrd(path: str | Path) -> VolumeFile:
         return _volume(values, header, str(path))
 
 
-def write_nrrd(path: str | Path, volume: VolumeFile, name: str) -> None:
-    """Write a volume as NRRD 5, gzip; three components are an axis of kind 3-vector. name: of the content."""
-    nrrd = library("nrrd")
-    matrix = np.eye(4) if volume.matrix is None else volume.matrix / MM
-    components = volume.values.ndim == 4
+def write_nrrd(path: str | Path, values: NDArray[Any] | LatticeField, matrix: NDArray[np.float64], name: str) -> None:
+    """Write values (nz, ny, nx[, 3]) as NRRD 5, gzip; three components are an axis of kind 3-vector.
+
+    matrix: of a `VolumeFile`. name: of the content.
+    """
+    nrrd, field, matrix = library("nrrd"), lattice_field(values), matrix / MM
+    components = len(field.shape) == 4
     directions = [matrix[:3, k].tolist() for k in range(3)]
     header: dict[str, Any] = {
         "space dimension": 3,
@@ -65,10 +70,16 @@ def write_nrrd(path: str | Path, volume: VolumeFile, name: str) -> None:
         "content": name,
     }
     written = io.BytesIO()
-    nrrd.write(written, np.ascontiguousarray(volume.values), header, index_order="C")
-    text, blank, numbers = written.getvalue().partition(b"\n\n")
-    lines = [line for line in text.split(b"\n") if not line.startswith(b"#")]  # comments state the time
-    write_bytes(path, b"\n".join(lines) + blank + numbers)
+    nrrd.write(written, field.part((0, 0, 0), (1, 1, 1)), header, index_order="C")  # for its header
+    lines = written.getvalue().partition(b"\n\n")[0].split(b"\n")
+    sizes = b"sizes: " + b" ".join(b"%d" % n for n in reversed(field.shape))
+    lines = [sizes if line.startswith(b"sizes: ") else line for line in lines]
+    lines = [line for line in lines if not line.startswith(b"#")]  # comments state the time
+    packer = zlib.compressobj(LEVEL, zlib.DEFLATED, WINDOW_BITS[GZIP])
+    with whole_file(path, force=True) as partial, partial.open("wb") as file:
+        file.write(b"\n".join(lines) + b"\n\n")
+        file.writelines(packer.compress(slab.tobytes()) for slab in slabs(field))
+        file.write(packer.flush())
 
 
 def _lines(opened: Any, path: Path) -> Any:

@@ -21,6 +21,7 @@ from hagoromo.files.checks import PACKED, check_density, existing_file
 from hagoromo.files.reading import library, reading
 from hagoromo.files.volume_file import MM, VolumeFile, check_size
 from hagoromo.files.whole import whole_file
+from hagoromo_formats.volumes.lattice_field import LatticeField, lattice_field, slabs
 
 READERS = {".vti": ("vtkIOXML", "vtkXMLImageDataReader"), ".slc": ("vtkIOImage", "vtkSLCReader")}
 
@@ -74,26 +75,25 @@ def _scalars(image: Any, path: Path) -> tuple[Any, bool]:
     raise InputError(f"{path} has no array of numbers: give image data with one")
 
 
-def write_vti(path: str | Path, fields: Mapping[str, NDArray[Any]], matrix: NDArray[np.float64]) -> None:
+def write_vti(path: str | Path, fields: Mapping[str, NDArray[Any] | LatticeField], matrix: NDArray[np.float64]) -> None:
     """Write fields (nz, ny, nx[, 3]) of one lattice as VTK image data [mm], raw; the first is its scalars.
 
     matrix: of a `VolumeFile`. (VTK file formats, "XML File Formats", appended raw data.)
     """
-    first = next(iter(fields.values()))
+    lattices = {name: lattice_field(values) for name, values in fields.items()}
+    first = next(iter(lattices.values()))
     edges = np.linalg.norm(matrix[:3, :3], axis=0) / MM
     extent = " ".join(f"0 {n - 1}" for n in reversed(first.shape[:3]))
     origin, spacing, direction = (
         " ".join(f"{x:.17g}" for x in np.ravel(numbers))
         for numbers in (matrix[:3, 3] / MM, edges, matrix[:3, :3] / MM / edges)
     )
-    arrays, blocks, offset = [], [], 0
-    for name, values in fields.items():
-        data = np.ascontiguousarray(values, "<f4").tobytes()
-        components = values.shape[3] if values.ndim == 4 else 1
+    arrays, sizes = [], []
+    for name, field in lattices.items():
+        components, offset = field.shape[3] if len(field.shape) == 4 else 1, sum(sizes) + 8 * len(sizes)
         arrays.append(f'<DataArray type="Float32" Name={quoteattr(name)} NumberOfComponents="{components}" '
                       f'format="appended" offset="{offset}"/>')  # fmt: skip
-        blocks.append(struct.pack("<Q", len(data)) + data)
-        offset += len(blocks[-1])
+        sizes.append(4 * math.prod(field.shape))
     head = (
         '<?xml version="1.0"?>\n<VTKFile type="ImageData" version="1.0" byte_order="LittleEndian" '
         f'header_type="UInt64">\n<ImageData WholeExtent="{extent}" Origin="{origin}" Spacing="{spacing}" '
@@ -103,5 +103,7 @@ def write_vti(path: str | Path, fields: Mapping[str, NDArray[Any]], matrix: NDAr
     )
     with whole_file(path, force=True) as partial, partial.open("wb") as file:
         file.write(head.encode())
-        file.writelines(blocks)
+        for field, size in zip(lattices.values(), sizes, strict=True):
+            file.write(struct.pack("<Q", size))
+            file.writelines(np.ascontiguousarray(slab, "<f4").tobytes() for slab in slabs(field))
         file.write(b"\n</AppendedData>\n</VTKFile>\n")

@@ -87,6 +87,4 @@ def _evaluated(
             )
         which[some] = numbers
     lattice = nv, variants * nu, nh + 1
-    return Nodes(
-        held.reshape(lattice), tangent.reshape(*lattice, 3), which.reshape(lattice), populations, variants
-    )
+    return Nodes(held.reshape(lattice), tangent.reshape(*lattice, 3), which.reshape(lattice), populations, variants)

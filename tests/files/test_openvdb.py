@@ -21,8 +21,8 @@ from hagoromo.volume.store.box_store import load_box
 from hagoromo_formats.convert import ConvertOptions, convert
 from hagoromo_formats.volumes.openvdb_out import write_openvdb
 from hagoromo_formats.volumes.sparse_lattice import SparseLattice
-from hagoromo_formats.volumes.volumes_out import dense_field
 from tests.files.test_volume_files import a_box
+from tests.oracle.dense_field import dense_field
 
 SAMPLES = Path(__file__).with_name("openvdb_samples.zip")
 X, Y, Z = np.meshgrid(np.arange(5), np.arange(4), np.arange(3), indexing="ij")

@@ -14,7 +14,7 @@ from hagoromo.files.format import formats_of
 from hagoromo.files.volume_file import read_volume, resampled
 from hagoromo.volume.store.box_store import load_box
 from hagoromo_formats.convert import ConvertOptions, convert
-from hagoromo_formats.volumes.volumes_out import dense_field
+from tests.oracle.dense_field import dense_field
 
 SHAPE = (3, 4, 5)  # z, y, x: all different, so that no two axes can be exchanged
 VALUES = np.random.default_rng(7).integers(0, 200, SHAPE).astype(np.uint16)
