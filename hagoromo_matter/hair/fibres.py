@@ -16,7 +16,7 @@ import drjit as dr
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.backend import arrays, lookup
+from hagoromo.backend import aligned, arrays, lookup
 from hagoromo.errors import InputError
 from hagoromo.files.memory import require
 from hagoromo.matter.fill import LARGEST_EDGE, MM
@@ -24,12 +24,14 @@ from hagoromo.volume.store.field_blocks import FieldBlocks
 from hagoromo.volume.voxels import BRICK
 
 ALONG, ACROSS = 1.0, 0.5  # [voxels] between the points of a fibre, and between those across a thick one
-POINTS_AT_ONCE = 1 << 19
+POINTS_AT_ONCE, SEGMENTS_AT_ONCE = 1 << 19, 1 << 18
+BRICKS_AT_ONCE = 1 << 12  # whose voxels are summed up together: 100 MB
 MOST_PIECES = 1e9
 MOST_ACROSS = 64.0  # [voxels] diameter of a fibre
 BRICK_VOXELS = BRICK**3
-BYTES_PER_VOXEL = 150.0  # of memory while the voxels of a brick are summed up
+BYTES_PER_BRICK = 1.2 * 16.0 * BRICK_VOXELS  # of memory, for an axis and a density
 BYTES_PER_CELL = 8.0  # of the table of bricks
+Runs = list[NDArray[np.int64]]
 
 
 class Curves(NamedTuple):
@@ -84,13 +86,13 @@ def fibre_blocks(curves: Curves, voxel_mm: float) -> tuple[FieldBlocks, NDArray[
         )
     lattice = -(-voxels // BRICK)
     require(BYTES_PER_CELL * float(np.prod(lattice)), f"a lattice of {voxels.tolist()} voxels")
-    table = _numbered(curves, voxel_mm, low, lattice)
-    density, axis = _summed(curves, voxel_mm, low, lattice, table)
-    density /= one_fibre(curves.mean_diameter, voxel_mm)
+    runs = _runs(curves, voxel_mm, low)
+    table = _numbered(curves, runs, voxel_mm, low, lattice)
+    values = _summed(curves, runs, voxel_mm, low, lattice, table)
     pose = np.eye(4)
     pose[:3, 3] = low * MM
     blocks = FieldBlocks(
-        _looked_up(table, lattice, density, axis, voxel_mm * MM),
+        _looked_up(table, lattice, values, voxel_mm * MM),
         (int(voxels[2]), int(voxels[1]), int(voxels[0])),
         voxel_mm * MM,
         _near_fibres(table >= 0, lattice, voxel_mm * MM),
@@ -98,57 +100,111 @@ def fibre_blocks(curves: Curves, voxel_mm: float) -> tuple[FieldBlocks, NDArray[
     return blocks, pose
 
 
-def _numbered(curves: Curves, voxel: float, low: NDArray, lattice: NDArray) -> NDArray[np.int64]:
+def _runs(curves: Curves, voxel: float, low: NDArray) -> Runs:
+    """The segments, by their first points, in runs of about POINTS_AT_ONCE pieces."""
+    start = curves.segments
+    parts = np.array_split(start, len(start) // SEGMENTS_AT_ONCE + 1)
+    cut = (_segments(curves, voxel, low, some) for some in parts)
+    ends = np.cumsum(np.concatenate([each.along * each.across**2 for each in cut]))
+    if ends[-1] > MOST_PIECES:
+        raise InputError(f"hair of {ends[-1]:.3g} pieces of a voxel: give a larger voxel_mm, or fewer hairs")
+    return np.split(start, np.unique(np.searchsorted(ends, np.arange(POINTS_AT_ONCE, ends[-1], POINTS_AT_ONCE))))
+
+
+def _numbered(curves: Curves, runs: Runs, voxel: float, low: NDArray, lattice: NDArray) -> NDArray[np.int64]:
     """The table of bricks: the number of each that holds a fibre, −1 of the others."""
     hit = np.zeros(int(np.prod(lattice)), bool)
-    for pieces in _pieces(curves, voxel, low):
+    for pieces in _pieces(curves, runs, voxel, low):
         for brick, _, _ in _around(pieces.place, lattice):
             hit[brick] = True
     table = np.full(len(hit), -1, np.int64)
     table[hit] = np.arange(hit.sum())
-    require(BYTES_PER_VOXEL * BRICK_VOXELS * float(hit.sum()), f"hair in {hit.sum()} bricks")
+    require(BYTES_PER_BRICK * float(hit.sum()), f"hair in {hit.sum()} bricks")
     return table
 
 
 def _summed(
-    curves: Curves, voxel: float, low: NDArray, lattice: NDArray, table: NDArray[np.int64]
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Density and axis of the voxels of all numbered bricks: (n), (n, 3)."""
-    count = int(table.max() + 1) * BRICK_VOXELS
-    sums = np.zeros((6, count))  # of w t tᵀ: xx, yy, zz, xy, xz, yz
-    for pieces in _pieces(curves, voxel, low):
-        x, y, z = pieces.tangent.T
-        moments = [pieces.volume * m for m in (x * x, y * y, z * z, x * y, x * z, y * z)]
-        for brick, inner, share in _around(pieces.place, lattice):
-            index = table[brick] * BRICK_VOXELS + inner
-            for total, moment in zip(sums, moments, strict=True):
-                np.add.at(total, index, share * moment)
-    density, axis = sums[:3].sum(axis=0), np.zeros((count, 3), np.float32)
+    curves: Curves,
+    runs: list[NDArray[np.int64]],
+    voxel: float,
+    low: NDArray,
+    lattice: NDArray,
+    table: NDArray[np.int64],
+) -> NDArray[np.float32]:
+    """Axis, and density over that of `one_fibre`, of the voxels of all numbered bricks: (n, 4).
+
+    They are summed up some bricks at a time, by the pieces of their heights; a voxel gets its pieces in one order.
+    """
+    count, held = int(table.max() + 1), np.flatnonzero(table >= 0)
+    values = aligned(4 * count * BRICK_VOXELS, np.float32).reshape(-1, 4)
+    for first in range(0, count, BRICKS_AT_ONCE):
+        last = min(first + BRICKS_AT_ONCE, count)
+        layers = held[[first, last - 1]] // (lattice[0] * lattice[1]) + [0, 1]
+        sums = np.zeros((6, (last - first) * BRICK_VOXELS))  # of w t tᵀ: xx, yy, zz, xy, xz, yz
+        for pieces in _pieces(curves, runs, voxel, low, BRICK * layers):
+            x, y, z = pieces.tangent.T
+            moments = [pieces.volume * m for m in (x * x, y * y, z * z, x * y, x * z, y * z)]
+            for brick, inner, share in _around(pieces.place, lattice):
+                number = table[brick] - first
+                own = np.flatnonzero((number >= 0) & (number < last - first))
+                index, share = number[own] * BRICK_VOXELS + inner[own], share[own]
+                for total, moment in zip(sums, moments, strict=True):
+                    np.add.at(total, index, share * moment[own])
+        _put(sums, values[first * BRICK_VOXELS : last * BRICK_VOXELS])
+    values[:, 3] /= one_fibre(curves.mean_diameter, voxel)
+    return values
+
+
+def _put(sums: NDArray[np.float64], values: NDArray[np.float32]) -> None:
+    """Principal axis and trace of tensors, `sums` (6, n), into `values` (n, 4)."""
+    density = sums[:3].sum(axis=0)
+    values[:, :3], values[:, 3] = 0.0, density
     matter = np.flatnonzero(density)
     for some in np.array_split(matter, len(matter) // POINTS_AT_ONCE + 1):
         xx, yy, zz, xy, xz, yz = sums[:, some]
         tensor = np.stack([xx, xy, xz, xy, yy, yz, xz, yz, zz], axis=-1).reshape(-1, 3, 3)
-        axis[some] = np.linalg.eigh(tensor)[1][..., 2]
-    return density.astype(np.float32), axis
+        values[some, :3] = np.linalg.eigh(tensor)[1][..., 2]
 
 
-def _pieces(curves: Curves, voxel: float, low: NDArray) -> Iterator[_Pieces]:
-    """The pieces of all fibres, some at a time."""
-    start = curves.segments
+class _Segments(NamedTuple):
+    """Segments from a to b [voxels]: their length and diameter [voxels], and their pieces along them and across."""
+
+    a: NDArray[np.float64]
+    b: NDArray[np.float64]
+    length: NDArray[np.float64]
+    wide: NDArray[np.float64]
+    along: NDArray[np.int64]
+    across: NDArray[np.int64]
+
+
+def _segments(curves: Curves, voxel: float, low: NDArray, start: NDArray[np.int64]) -> _Segments:
+    """The segments that begin at the points `start`."""
     a, b = (curves.points[start] - low) / voxel, (curves.points[start + 1] - low) / voxel
     length = np.linalg.norm(b - a, axis=1)
     wide = 0.5 * (curves.diameter[start] + curves.diameter[start + 1]) / voxel
     across = np.where(wide > 2.0 * ACROSS, np.ceil(wide / ACROSS), 1).astype(np.int64)
     along = np.maximum(np.ceil(length / ALONG), 1).astype(np.int64)
-    ends = np.cumsum(along * across**2)
-    if ends[-1] > MOST_PIECES:
-        raise InputError(f"hair of {ends[-1]:.3g} pieces of a voxel: give a larger voxel_mm, or fewer hairs")
-    cuts = np.searchsorted(ends, np.arange(POINTS_AT_ONCE, ends[-1], POINTS_AT_ONCE))
-    for some in np.split(np.arange(len(start)), np.unique(cuts)):
-        for rings in np.unique(across[some]):
-            these = some[(across[some] == rings) & (length[some] > 0)]
-            if len(these):
-                yield _cut(a[these], b[these], wide[these], along[these], _disc(int(rings)))
+    return _Segments(a, b, length, wide, along, across)
+
+
+def _pieces(
+    curves: Curves, runs: Runs, voxel: float, low: NDArray, heights: NDArray | None = None
+) -> Iterator[_Pieces]:
+    """The pieces of all fibres, some at a time; heights: those of segments that reach between two heights [voxels]."""
+    for start in runs:
+        some = start if heights is None else start[_reach(curves, voxel, low, start, heights)]
+        cut = _segments(curves, voxel, low, some)
+        for rings in np.unique(cut.across):
+            own = np.flatnonzero((cut.across == rings) & (cut.length > 0))
+            if len(own):
+                yield _cut(cut.a[own], cut.b[own], cut.wide[own], cut.along[own], _disc(int(rings)))
+
+
+def _reach(curves: Curves, voxel: float, low: NDArray, start: NDArray[np.int64], heights: NDArray) -> NDArray[np.bool_]:
+    """Whether segments come within a voxel and their radius of the space between two heights [voxels]."""
+    a, b = ((curves.points[each, 2] - low[2]) / voxel for each in (start, start + 1))
+    room = 1.0 + 0.5 * np.maximum(curves.diameter[start], curves.diameter[start + 1]) / voxel
+    return (np.maximum(a, b) + room >= heights[0]) & (np.minimum(a, b) - room <= heights[1])
 
 
 def _cut(a: NDArray, b: NDArray, wide: NDArray, along: NDArray, disc: NDArray) -> _Pieces:
@@ -198,11 +254,10 @@ def _around(place: NDArray, lattice: NDArray) -> Iterator[tuple[NDArray, NDArray
         )
 
 
-def _looked_up(table: NDArray, lattice: NDArray, density: NDArray, axis: NDArray, voxel: float) -> Any:
-    """The field of `FieldBlocks` that gathers what was summed up."""
+def _looked_up(table: NDArray, lattice: NDArray, values: NDArray[np.float32], voxel: float) -> Any:
+    """The field of `FieldBlocks` that gathers what was summed up. values: aligned memory, which is shared."""
     jit = arrays()
-    bricks = lookup(jit.Int, table.astype(np.int32))
-    values = lookup(jit.Float, np.concatenate([axis, density[:, None]], axis=1))
+    bricks, packets = lookup(jit.Int, table.astype(np.int32)), jit.Float(values.ravel())
     nx, ny = int(lattice[0]), int(lattice[1])
 
     def field(point: Any) -> tuple[Any, Any]:
@@ -210,7 +265,7 @@ def _looked_up(table: NDArray, lattice: NDArray, density: NDArray, axis: NDArray
         brick = dr.gather(jit.Int, bricks, ((z // BRICK) * ny + y // BRICK) * nx + x // BRICK)
         inner = ((z % BRICK) * BRICK + y % BRICK) * BRICK + x % BRICK
         index = jit.UInt(dr.maximum(brick, 0)) * BRICK_VOXELS + inner
-        packet = dr.gather(jit.Array4f, values, index, brick >= 0)
+        packet = dr.gather(jit.Array4f, packets, index, brick >= 0)
         return packet.w, jit.Array3f(packet.x, packet.y, packet.z)
 
     return field
