@@ -74,6 +74,7 @@ bench: $(PEERS) ## the march, its growth, its bounds and its peers: docs/perform
 	$(BIN)/python benchmarks/bound.py
 	$(BIN)/python benchmarks/scaling.py
 	$(BIN)/python benchmarks/scale.py
+	$(BIN)/python benchmarks/matter_memory.py
 	$(BIN)/python benchmarks/open_box.py --out out/bench/open_box.json
 	$(BIN)/python benchmarks/equal_error.py
 	$(BIN)/python benchmarks/orders.py

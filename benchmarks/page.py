@@ -19,6 +19,7 @@ from tables import (
     equal_error_table,
     formats_table,
     march_table,
+    matter_memory_table,
     open_table,
     orders_table,
     page_frames_table,
@@ -36,7 +37,7 @@ FIGURES = PAGE.parent / "figures"
 TABLES = {
     "march": march_table, "scaling": scaling_table, "scale": scale_table, "bound": bound_table,
     "equal_error": equal_error_table, "page_frames": page_frames_table,
-    "spectra_image": spectra_image_table, "formats": formats_table,
+    "spectra_image": spectra_image_table, "formats": formats_table, "matter_memory": matter_memory_table,
 }  # fmt: skip
 ORDERS = "smoke", "cloth", "hair", "figure8"  # scenes of orders.py, in this order
 PLOTS = {"scaling": growth, "bound": bound}

@@ -122,6 +122,15 @@ def scale_table(found: Mapping[str, Any]) -> str:
     return f"{table(SCALE, boxes)}\n\nRefused: {said}:\n\n    {no['said']}"
 
 
+def matter_memory_table(found: Rows) -> str:
+    """What builds and exports take, and took before they were made part by part."""
+    head = {
+        "what": "build, export, look", "mib": "peak [MiB]", "cpu_s": "CPU [s]", "before_mib": "peak before [MiB]",
+        "before_cpu_s": "CPU before [s]", "disk_mib": "on disk [MiB]",
+    }  # fmt: skip
+    return table(head, found)
+
+
 def open_table(found: Rows) -> str:
     """Boxes opened from disk."""
     ways = ("packed", "arrays")
