@@ -1,27 +1,22 @@
 """Matter in memory: largest resident memory and CPU time to build and export boxes, each in a process of its own.
 
 A swatch of 30 mm of a draft of 12 threads, whose repeat is 10 mm of texel; hair, skin and wings as they are shipped;
-the hair as OpenVDB, NRRD and VTI; what `info` says of it, and a first picture. BEFORE has what the same took before levels
-of texels, sums of fibres and exports were made part by part. Written to out/bench/matter_memory.json.
+the hair as OpenVDB, NRRD and VTI; what `info` says of it, and a first picture. BEFORE has what the same took before
+levels of texels, sums of fibres and exports were made part by part. Written to out/bench/matter_memory.json.
 
     python benchmarks/matter_memory.py
 """
 
 from __future__ import annotations
 
+import multiprocessing
 import resource
 from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from peers_child import peak_memory
-from scale import alone
-from turns import options, record
-
-import hagoromo as hg
-from hagoromo.app.info import info
-from hagoromo.matter.build import build_to
+import hagoromo as hg  # each process imports what it needs, and no other contenders
 
 MATERIAL = {"alpha": 0.26, "beta": 0.2, "gamma": 0.35, "n": 1.54, "body_colour": 0.8}
 SWATCH = {"kind": "cloth", "seed": 1, "threads_per_cm": 12, "draft": {"file": "twelve.wif"}, "material": MATERIAL}
@@ -36,6 +31,8 @@ BEFORE = {
 
 def main() -> None:
     """A row for each build, export and look."""
+    from turns import options, record
+
     options(__doc__, 1).parse_args()
     rows: list[dict[str, Any]] = []
     with TemporaryDirectory() as folder:
@@ -54,8 +51,16 @@ def main() -> None:
     record("matter_memory", rows)
 
 
+def alone(work: Callable[..., dict[str, Any]], *given: Any) -> dict[str, Any]:
+    """What `work` returns, run in a fresh process."""
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        return pool.apply(work, given)
+
+
 def measured(what: str, work: Callable[..., Path], home: Path, *given: Any) -> dict[str, Any]:
     """Peak of resident memory, Python and the compiler included, CPU time, and size of the result on disk."""
+    from peers_child import peak_memory
+
     made = work(home, *given)
     used = resource.getrusage(resource.RUSAGE_SELF)
     files = [made] if made.is_file() else [file for file in made.rglob("*") if file.is_file()]
@@ -67,6 +72,8 @@ def measured(what: str, work: Callable[..., Path], home: Path, *given: Any) -> d
 
 def built(home: Path, name: str) -> Path:
     """The box of the swatch, or of a shipped recipe."""
+    from hagoromo.matter.build import build_to
+
     recipe: Any = name
     if name == "swatch":
         recipe = SWATCH | {"draft": {"file": str(home / "twelve.wif")}}
@@ -82,6 +89,8 @@ def exported(home: Path, suffix: str) -> Path:
 
 def told(home: Path) -> Path:
     """What `info` says of the hair."""
+    from hagoromo.app.info import info
+
     info(home / "hair.zarr")
     return home / "hair.zarr"
 
