@@ -112,7 +112,7 @@ class RaysThrough:
 
     def __init__(self, layer: Layer, rays: LayerRays, materials: Sequence[Reflectance] = ()) -> None:
         texel, self.layer, self.rays, self.materials = layer.texel, layer, rays, tuple(materials)
-        densest = float(texel.levels[layer.level].density.astype(np.float32).sum(axis=0).max())
+        densest = float(max(rows.sum(axis=0, dtype=np.float32).max() for rows in _rows(texel.levels[layer.level])))
         step = min(float(texel.edges[layer.level]) / STEPS_PER_CELL, PART / (layer.tau * max(densest, 1e-3)))
         length = layer.thickness / dr.abs(rays.to_eye.z)
         self.sums = len(materials) * parts_of(materials)
@@ -221,6 +221,11 @@ def _denser(level: Level, factor: float) -> Level:
     if factor == 1.0:
         return level
     return replace(level, density=(level.density.astype(np.float32) * factor).astype(np.float16))
+
+
+def _rows(level: Level) -> Iterator[NDArray[np.float16]]:
+    """Densities of one row along v after the other: (populations, u, h)."""
+    return (level.density[:, row] for row in range(level.nodes[0]))
 
 
 def _added(old: list[Any], gain: Any, new: list[Any]) -> list[Any]:
