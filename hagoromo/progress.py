@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from typing import Protocol
 
+LOADING = 0.2  # of the work of a scene file, when its boxes are there
+
 
 class Progress(Protocol):
     """Is called with the share of the work that is done, and the name of the step that is being worked on."""

@@ -15,6 +15,7 @@ from hagoromo.app.verb import Force, Out, say, with_picture, wrote
 from hagoromo.errors import InputError
 from hagoromo.files.whole import replaceable_files
 from hagoromo.image.modes import Mode
+from hagoromo.progress import LOADING, Progress, part_of
 
 if TYPE_CHECKING:
     from hagoromo.image.film.film import Turn
@@ -56,7 +57,8 @@ def render(
             as 0.01: in path the noise of pixels, in full what blocks of 8 × 8 pixels are off.
         time: in mode path, for how long to go on, about [s].
         walks: in mode full, how many random walks state and mend its error, about, in the whole picture; 0 for none
-            (default: as many as bring it to 0.01, up to 2^20).
+            (default: as many as bring it to 0.01, up to 2^20). In mode march, 0 leaves out the few walks that say
+            whether the scene has much light of higher orders.
         separate_lamps: every lamp gets weights of its own, so that `expose` can change its strength and colour.
         resume: go on with the unfinished picture that an interrupted run in mode path left at `--out`.
         layers: further channels: parts of the light (first.R, higher.R, body.R, interface.R, …), depth.Z, normal.X, …,
@@ -97,13 +99,32 @@ def render(
         settings = replace(settings, separate_lamps=True)
     try:
         with progress_bar("render") as progress:
-            image = hg.render(scene, settings, progress, scheduler.chosen, mode, unfinished, layers or denoise)
+            given, rest = (
+                (scene, progress) if scheduler.chosen or mode != "march" else _loaded(scene, settings, progress)
+            )
+            image = hg.render(given, settings, rest, scheduler.chosen, mode, unfinished, layers or denoise)
     except hg.RenderInterrupted as interrupt:
         interrupt.image.save(out, camera.response, force or resume, display=display)
         raise KeyboardInterrupt(f"{interrupt}, {out} is the picture so far: --resume goes on with it") from interrupt
     wrote(*image.save(out, camera.response, force or resume, denoise, display))
     if image.full_error is not None:
         say(image.full_error.line())
+    if isinstance(given, hg.Scene):
+        from hagoromo.image.suggested_mode import higher_share
+
+        found = higher_share(given, image, settings)
+        if found is not None and found.is_much:
+            say(found.line())
+
+
+def _loaded(scene: Path, settings: hg.Settings, progress: Progress) -> tuple[hg.Scene, Progress]:
+    """A scene file that is rendered by mode march, loaded, and the progress of what is left."""
+    from hagoromo.image.scene_file import load_for_picture
+    from hagoromo.image.settings import check_mode
+
+    check_mode(settings, "march")
+    loaded, _ = load_for_picture(scene, settings, part_of(progress, 0.0, LOADING))
+    return loaded, part_of(progress, LOADING, 1.0 - LOADING)
 
 
 def _unfinished(out: Path) -> hg.Image:

@@ -11,11 +11,9 @@ from hagoromo.image.modes import Mode
 from hagoromo.image.prepared_scene import SceneCache
 from hagoromo.image.scene import Scene
 from hagoromo.image.settings import Settings, check_mode
-from hagoromo.progress import Progress, part_of, silent
+from hagoromo.progress import LOADING, Progress, part_of, silent
 from hagoromo.transport.film import pixel_points
 from hagoromo.transport.film import tile_order as tile_order
-
-LOADING = 0.2  # of the work of a scene file, when its boxes are there
 
 
 def render(
