@@ -126,8 +126,8 @@ def page(rows: list[dict[str, Any]], out: Path, pixels: int) -> None:
     text = [
         "# Stills",
         "",
-        f"Matter as it would be hung, {pixels} pixels a side, by each mode; shown smaller. Times and memory are those of",
-        "the command on two cores that others use, too; the building of boxes is not in them.",
+        f"Matter as it would be hung, {pixels} pixels a side, by each mode; shown smaller. Times and memory are those",
+        "of the command on two cores that others use, too; the building of boxes is not in them.",
         "Made by `python -m studies stills`; larger ones by",
         "`python -m studies.stills examples/recipes --out out/stills --pixels 2160`.",
     ]
