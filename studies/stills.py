@@ -22,7 +22,6 @@ from tyro.conf import Positional
 
 import hagoromo as hg
 from hagoromo.image.modes import Mode
-from hagoromo.matter.build import build_to
 
 PREVIEW, QUALITY = 540, 82  # px a side, and of JPEG
 MODES: dict[Mode, tuple[str, ...]] = {
@@ -77,7 +76,7 @@ def scene_file(recipes: Path, out: Path, name: str, pixels: int) -> Path:
     record = hg.read_toml(recipes / f"{still.recipe}.toml")
     changed = {k: record.get(k, {}) | v if isinstance(v, dict) else v for k, v in still.changed.items()}
     if not box.exists():
-        build_to(record | changed | {"extinction": "projected"}, box)
+        hg.build(record | changed | {"extinction": "projected"}).save(box)
     loaded = hg.load_box(box)
     corners = loaded.matter_corners()
     middle = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
