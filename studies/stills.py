@@ -54,17 +54,23 @@ STILLS = {
 }  # fmt: skip
 
 
-def stills(recipes: Positional[Path], out: Path, pixels: int = 1080, only: tuple[str, ...] = ()) -> None:
-    """All stills, their previews and the page. pixels: a side. only: names of those that are made."""
+def stills(
+    recipes: Positional[Path],
+    out: Path,
+    pixels: int = 1080,
+    only: tuple[str, ...] = tuple(STILLS),
+    modes: tuple[Mode, ...] = tuple(MODES),
+) -> None:
+    """All stills, their previews and the page. pixels: a side. only, modes: those that are made."""
     out.mkdir(parents=True, exist_ok=True)
     rows = []
-    for name in only or tuple(STILLS):
+    for name in only:
         scene = scene_file(recipes, out, name, pixels)
-        for mode, more in MODES.items():
+        for mode in modes:
             picture = out / f"{name}_{mode}_{pixels}.exr"
             record = picture.with_suffix(".json")
             if not record.exists():
-                hg.write_json(record, made(scene, picture, mode, more))
+                hg.write_json(record, made(scene, picture, mode, MODES[mode]))
             rows.append({"name": name, "mode": mode, **hg.read_json(record)})
             preview(picture, out / "stills" / f"{name}_{mode}.jpg")
     page(rows, out / "stills.md", pixels)
