@@ -3,7 +3,7 @@
     python -m studies.stills examples/recipes --out out/stills --pixels 2160
 
 Each still is made by `hagoromo render` in a process of its own. Leaves in the folder `out`: boxes, scenes, stills,
-previews of them, and stills.md, which belongs to docs. What is there is not made again.
+previews of them, and stills.md, a page. What is there is not made again.
 """
 
 from __future__ import annotations

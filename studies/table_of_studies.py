@@ -151,10 +151,9 @@ STUDIES: dict[str, Study] = {
         needs_demo=True,
     ),
     "stills": Study(
-        "backlit linen and hair in 1080 px by each mode, with time, memory and command: docs/stills.md",
-        "half an hour",
+        "backlit linen and hair in 1080 px by each mode, with time, memory and command: out/stills/stills.md",
+        "an hour",
         (_module("stills", RECIPES, "--out", "out/stills"),),
-        (("out/stills/stills.md", "docs"), ("out/stills/stills/*.jpg", "docs/figures/stills")),
     ),
     "full-error": Study(
         "what mode full is off, what it says of that, and its mend by walks: docs/full_error.md",
