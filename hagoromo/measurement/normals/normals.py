@@ -27,7 +27,9 @@ from hagoromo.measurement.normals.photometric_model import Fit, Prior, precision
 from hagoromo.measurement.normals.photometric_rounds import independent_share
 from hagoromo.measurement.normals.photometric_step import PixelProblem
 from hagoromo.measurement.normals.pixel_fit import PixelConditions, fit_pixels
+from hagoromo.measurement.normals.pixel_errors import UNKNOWN_DIRECTION
 from hagoromo.measurement.normals.shading import LEAST_COSINE, TAIL, Gloss
+from hagoromo.measurement.normals.smooth_normals import with_smooth_normals
 from hagoromo.measurement.normals.views import Array, Views, views_from_capture
 from hagoromo.photograph.capture import Capture
 from hagoromo.progress import Progress, part_of, silent
@@ -35,6 +37,7 @@ from hagoromo.progress import Progress, part_of, silent
 START_GLOSS = (np.log(1.0), np.log(0.3), 0.0, 0.0)  # ln β, ln γ [rad], σ, ln(1 + ε) at the start
 START_ERROR = 0.02  # relative error of Lambert's law in the weights of the start
 LAMBERT_REWEIGHTINGS = 10
+LEAST_SHARE = 1e-3  # of the own variance that smoothing leaves
 SUBSET = 2000  # pixels, at most, from which gloss and lamps are estimated
 SUBSET_VALUES, FEWEST_OF_SUBSET = 80_000, 600  # lamps × pixels of it, at most, and pixels that it has in any case
 
@@ -58,9 +61,15 @@ class NormalMap:
 
     @property
     def own_variance(self) -> NDArray[np.float32]:
-        """(h, w) variance of the direction [rad²] that is independent between pixels, inf where unknown."""
-        errors = self.fit.errors
-        return self.variance if errors is None else self.views.image(errors.own.astype(np.float32), np.inf)
+        """(h, w) variance of the direction [rad²] that is independent between pixels, inf where unknown.
+
+        Smoothed normals err less, but as their neighbours do: in sums over pixels they count as before.
+        """
+        errors, smooth = self.fit.errors, self.fit.smooth
+        own = self.fit.variance if errors is None else errors.own
+        if smooth is not None:
+            own = np.minimum(own / np.maximum(smooth.share, LEAST_SHARE), UNKNOWN_DIRECTION)
+        return self.views.image(own.astype(np.float32), np.inf)
 
     @property
     def modes(self) -> NDArray[np.float32] | None:
@@ -77,6 +86,16 @@ class NormalMap:
         if errors is None:
             return None
         return self.views.image((self.fit.body * np.sqrt(errors.body_variance)).T, np.nan)
+
+    def of(self, fit: Fit) -> NormalMap:
+        """The same pixels with another fit."""
+        return replace(
+            self,
+            fit=fit,
+            normals=self.views.image(fit.normals.astype(np.float32)),
+            variance=self.views.image(fit.variance.astype(np.float32), np.inf),
+            body=self.views.image(fit.body.T.astype(np.float32)),
+        )
 
     def __repr__(self) -> str:
         height, width = self.labels.shape
@@ -103,9 +122,14 @@ def solve_normals(
     """
     solved = solve_with_one_lobe(capture, labels, prior, part_of(progress, 0.0, 0.8), model)
     progress(0.8, "lobes")
-    solved = with_further_lobes(capture, solved)
+    solved = with_further_lobes(capture, smooth(solved))
     progress(0.9, "gloss")
     return with_shared_errors(with_own_gloss(solved))
+
+
+def smooth(solved: NormalMap) -> NormalMap:
+    """`solved` with the normals of a smooth surface where those are nearer: see `smooth_normals`."""
+    return solved.of(with_smooth_normals(solved.views, solved.fit))
 
 
 def with_shared_errors(solved: NormalMap) -> NormalMap:
@@ -122,16 +146,7 @@ def with_further_lobes(capture: Capture, solved: NormalMap) -> NormalMap:
 
 def with_own_gloss(solved: NormalMap) -> NormalMap:
     """`solved` with the gloss of each pixel where it varies over a material, and the normals that go with it."""
-    views, fit = solved.views, with_solved_gloss(solved.views, solved.fit)
-    if fit.own is None:
-        return replace(solved, fit=fit)
-    return replace(
-        solved,
-        fit=fit,
-        normals=views.image(fit.normals.astype(np.float32)),
-        variance=views.image(fit.variance.astype(np.float32), np.inf),
-        body=views.image(fit.body.T.astype(np.float32)),
-    )
+    return solved.of(with_solved_gloss(solved.views, solved.fit))
 
 
 def solve_with_one_lobe(

@@ -19,6 +19,7 @@ from hagoromo.least_squares.loss import CAUCHY_SCALE
 from hagoromo.measurement.normals.own_gloss import OWN, OwnGloss, OwnGlossTest
 from hagoromo.measurement.normals.pixel_errors import PixelErrors
 from hagoromo.measurement.normals.shading import TAIL, Gloss, shading
+from hagoromo.measurement.normals.smooth_share import SmoothShare
 from hagoromo.measurement.normals.views import Array, Views
 from hagoromo.measurement.photometric.reading import reading
 
@@ -69,7 +70,8 @@ class Fit:
     where it was not tested. lamp_variance: (K, 6) of strength and slope less their means over the lamps, and of
     shift; None where they were not fitted. prior: of lamps and bodies, with the scales that were learnt. share:
     effective number of independent values per value. errors: of each pixel and of all, of which `variance` is the sum;
-    None: `variance` is that of noise and model error alone.
+    None: `variance` is that of noise and model error alone. smooth: how normals were smoothed over neighbours
+    (`smooth_normals`); None: they were not.
     """
 
     normals: Array
@@ -94,6 +96,7 @@ class Fit:
     prior: Prior | None = None
     share: float = 1.0
     errors: PixelErrors | None = None
+    smooth: SmoothShare | None = None
 
     @property
     def rows(self) -> Array:
@@ -118,7 +121,8 @@ class Fit:
         parts = {name: getattr(self, name)[chosen] for name in names}
         own = None if self.own is None else self.own.pixels(chosen)
         errors = None if self.errors is None else self.errors.pixels(chosen)
-        return replace(self, body=self.body[:, chosen], own=own, errors=errors, **parts)
+        smooth = None if self.smooth is None else self.smooth.pixels(chosen)
+        return replace(self, body=self.body[:, chosen], own=own, errors=errors, smooth=smooth, **parts)
 
 
 def evenness(strength: Array, slope: Array, place: Array) -> Array:
