@@ -21,15 +21,16 @@ from hagoromo.measurement.gloss.solved_gloss import with_solved_gloss
 from hagoromo.measurement.material.segment import segment
 from hagoromo.measurement.normals.gloss_choice import BY_EVIDENCE, GlossModel, choose_gloss
 from hagoromo.measurement.normals.lamp_shift import shifted_lamps
-from hagoromo.measurement.normals.lobe_fit import with_lobes
+from hagoromo.measurement.normals.lobe_fit import with_lobes, with_lobes_refined
+from hagoromo.measurement.normals.lobe_samples import RELATIVE_ERROR
 from hagoromo.measurement.normals.normal_errors import with_errors
 from hagoromo.measurement.normals.photometric_model import Fit, Prior, precision
 from hagoromo.measurement.normals.photometric_rounds import independent_share
 from hagoromo.measurement.normals.photometric_step import PixelProblem
-from hagoromo.measurement.normals.pixel_fit import PixelConditions, fit_pixels
 from hagoromo.measurement.normals.pixel_errors import UNKNOWN_DIRECTION
+from hagoromo.measurement.normals.pixel_fit import PixelConditions, fit_pixels
 from hagoromo.measurement.normals.shading import LEAST_COSINE, TAIL, Gloss
-from hagoromo.measurement.normals.smooth_normals import with_smooth_normals
+from hagoromo.measurement.normals.smooth_normals import conditions, with_smooth_normals
 from hagoromo.measurement.normals.views import Array, Views, views_from_capture
 from hagoromo.photograph.capture import Capture
 from hagoromo.progress import Progress, part_of, silent
@@ -122,7 +123,7 @@ def solve_normals(
     """
     solved = solve_with_one_lobe(capture, labels, prior, part_of(progress, 0.0, 0.8), model)
     progress(0.8, "lobes")
-    solved = with_further_lobes(capture, smooth(solved))
+    solved = with_normals_of_lobes(capture, with_further_lobes(capture, smooth(solved)))
     progress(0.9, "gloss")
     return with_shared_errors(with_own_gloss(solved))
 
@@ -130,6 +131,22 @@ def solve_normals(
 def smooth(solved: NormalMap) -> NormalMap:
     """`solved` with the normals of a smooth surface where those are nearer: see `smooth_normals`."""
     return solved.of(with_smooth_normals(solved.views, solved.fit))
+
+
+def with_normals_of_lobes(capture: Capture, solved: NormalMap) -> NormalMap:
+    """`solved` with the normals that go with all its lobes, and these lobes where they fit best there; as it is where
+    every material has one.
+
+    A spike above a haze is an outlier to a fit of one lobe, and pulls its normals.
+    """
+    views, fit = solved.views, solved.fit
+    if fit.lobes is None:
+        return solved
+    wide = replace(fit, model_error=max(fit.model_error, RELATIVE_ERROR), smooth=None)  # as the lobes were found
+    pixels = fit_pixels(views, conditions(views, wide), fit.normals, fit.body)
+    wide = replace(wide, normals=pixels.normals, body=pixels.body, variance=pixels.variance, pixel_status=pixels.status)
+    smoothed = replace(with_smooth_normals(views, wide), model_error=fit.model_error)
+    return solved.of(with_lobes_refined(capture, views, smoothed))
 
 
 def with_shared_errors(solved: NormalMap) -> NormalMap:

@@ -142,19 +142,25 @@ def further_lobes(fit: Fit, to_lamp: Array, to_eye: Array) -> Array | None:
     """(K, P) what the further lobes add to the interface under lamps (K, P, 3); None where there are none."""
     if fit.lobes is None:
         return None
-    count = max(len(one) for one in fit.lobes.each)
     total = np.zeros(to_lamp.shape[:2])
+    for lobe in further_rows(fit):
+        rows = np.concatenate([lobe, fit.rows[:, 2:TAIL]], axis=1)
+        total = total + shading(fit.normals, to_lamp, to_eye, rows).interface
+    return total
+
+
+def further_rows(fit: Fit) -> tuple[Array, ...]:
+    """Of each further lobe (P, 2) ln β and ln γ of each pixel, −∞ and 0 where its material has no such lobe."""
+    if fit.lobes is None:
+        return ()
     with np.errstate(invalid="ignore"):
         apart = fit.rows[:, :2] - fit.gloss.rows[fit.labels, :2]  # of a pixel's gloss from that of its material
-    for k in range(count):
-        rows = fit.gloss.rows.copy()
-        for m, one in enumerate(fit.lobes.each):
-            rows[m, :2] = (np.log(one[k][0]), np.log(one[k][1])) if k < len(one) else (-np.inf, 0.0)
-        rows[:, TAIL:] = 0.0
-        each = rows[fit.labels]
-        each[:, :2] += np.nan_to_num(apart)  # both −∞ where a material has no gloss
-        total = total + shading(fit.normals, to_lamp, to_eye, each).interface
-    return total
+    apart = np.nan_to_num(apart)  # both −∞ where a material has no gloss
+    each = []
+    for k in range(max(len(one) for one in fit.lobes.each)):
+        rows = np.array([np.log(one[k]) if k < len(one) else (-np.inf, 0.0) for one in fit.lobes.each])
+        each.append(rows[fit.labels] + apart)
+    return tuple(each)
 
 
 def precision(views: Views, model_error: float) -> Array:

@@ -12,7 +12,7 @@ smoothed: noise is not in both, detail of the surface is. Where smoothing brings
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -20,22 +20,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.least_squares.loss import CAUCHY_SCALE
-from hagoromo.measurement.normals.photometric_model import Fit, precision
+from hagoromo.measurement.normals.photometric_model import Fit, further_lobes, further_rows, precision
 from hagoromo.measurement.normals.pixel_errors import UNKNOWN_DIRECTION
-from hagoromo.measurement.normals.pixel_fit import LEAST_BODY_RATIO, PixelConditions, fit_pixels
+from hagoromo.measurement.normals.pixel_fit import LEAST_BODY_RATIO, NormalFit, PixelConditions, fit_pixels
 from hagoromo.measurement.normals.shading import LEAST_COSINE, shading, tangents
 from hagoromo.measurement.normals.smooth_share import SmoothShare
 from hagoromo.measurement.normals.views import FEWEST_LAMPS, Array, Views
 
-STIFFNESSES = np.geomspace(1e2, 1e8, 13)  # [rad⁻²] candidates of λ, from the least on
-PATIENCE = 2  # of them in a row that bring normals no nearer: the last that are tried
+STIFFNESSES = np.geomspace(1e2, 1e8, 7)  # [rad⁻²] candidates of λ, from the least on
 LEAST_GAIN = 0.01  # of the squared distance between the halves: with less normals stay
 FARTHEST = 9.0  # standard deviations at which distances are cut off
-CHOICE_PIXELS, TILE = 15_000, 48  # pixels from which λ is chosen, at most about; of squares of this side [px]
+CHOICE_PIXELS, TILE = 10_000, 48  # pixels from which λ is chosen, at most about; of squares of this side [px]
 BODY_PASSES = 3  # of re-weighting
 FARTHEST_PROBES = 8  # [px] between pixels whose variance is found together, at most
 REACH = 3.0  # of the lengths over which errors are alike: so far apart these pixels are
-WINDOW = 4.0  # [px] standard deviation of the neighbourhood in which what smoothing takes away is averaged
+LEAST_FACTOR = 0.05  # of stated variances
+WINDOW = 4.0  # [px] standard deviation of the neighbourhood over which squares are averaged
 SEED = 0
 
 
@@ -45,29 +45,54 @@ def with_smooth_normals(views: Views, fit: Fit) -> Fit:
     """
     if len(views.values) < 2 * FEWEST_LAMPS:
         return fit
-    stiffness, gain = chosen_stiffness(views, fit)
+    both = of_halves(views, fit)
+    scatter = noise_factor(views, both)
+    stiffness, gain = chosen_stiffness(views, both, scatter)
     if gain < LEAST_GAIN:
         return fit
     surface = SmoothField(views, stiffness)
-    variance = _finite(fit.variance)
+    variance = _finite(scatter * fit.variance)
     normals, share = surface.smoothed(fit.normals, variance), surface.share(fit.normals, variance)
     share = np.minimum(share + flattened(views, fit.normals, normals, variance, share) / variance, 1.0)
     fit = replace(fit, normals=normals, variance=share * fit.variance, smooth=SmoothShare(stiffness, gain, share))
     return replace(fit, body=bodies_at(views, fit))
 
 
-def chosen_stiffness(views: Views, fit: Fit) -> tuple[float, float]:
+def of_halves(views: Views, fit: Fit) -> list[NormalFit]:
+    """The normals of both halves of the lamps."""
+    return [fit_pixels(half, conditions(half, fit), fit.normals, fit.body) for half in halves(views)]
+
+
+def conditions(views: Views, fit: Fit) -> PixelConditions:
+    """Those of `fit`, with all its lobes."""
+    return PixelConditions(fit.rows, fit.evenness(views.place), precision(views, fit.model_error), further_rows(fit))
+
+
+def noise_factor(views: Views, both: Sequence[NormalFit]) -> Array:
+    """(P,) by how much normals of both halves scatter more than stated, in the neighbourhood of each pixel, squared.
+
+    What they differ by throughout the neighbourhood is no scatter: lamps that are off make it.
+    """
+    apart, total = both[0].normals - both[1].normals, sum(_finite(one.variance) for one in both)
+    apart = apart / np.sqrt(total)[:, None]
+    apart *= np.minimum(1.0, FARTHEST / np.maximum(np.linalg.norm(apart, axis=1, keepdims=True), 1e-12))
+    mean = np.stack([_around(views, part) for part in apart.T])
+    pixels = 4.0 * np.pi * WINDOW**2  # that the mean is of
+    scatter = _around(views, np.sum(apart**2, axis=1)) - np.sum(mean**2, axis=0)
+    return np.maximum(scatter / (1.0 - 1.0 / pixels), LEAST_FACTOR)
+
+
+def chosen_stiffness(views: Views, both: Sequence[NormalFit], scatter: Array) -> tuple[float, float]:
     """λ [rad⁻²], and the share of the squared distance between normals of both halves of the lamps that it takes off.
 
-    0 and 0 where smoothing brings them no nearer.
+    0 and 0 where smoothing brings them no nearer. scatter: see `noise_factor`.
     """
     some = _squares(views)
-    views, fit = views.pixels(some), fit.pixels(some)
-    both = [
-        fit_pixels(one, PixelConditions(fit.rows, even, precision(one, fit.model_error)), fit.normals, fit.body)
-        for one, even in ((half, fit.evenness(views.place)) for half in halves(views))
-    ]
-    variances = [_finite(one.variance) for one in both]
+    views, both = (
+        views.pixels(some),
+        [NormalFit(one.normals[some], one.body, one.variance[some], one.status) for one in both],
+    )
+    variances = [_finite(scatter[some] * one.variance) for one in both]
     total = variances[0] + variances[1]
 
     def distance(normals: list[Array]) -> float:
@@ -77,14 +102,14 @@ def chosen_stiffness(views: Views, fit: Fit) -> tuple[float, float]:
         return float(np.mean([np.minimum(one, FARTHEST**2).mean() for one in squared]))
 
     before = least = distance([one.normals for one in both])
-    best, since = 0.0, 0
+    best = 0.0
     for stiffness in STIFFNESSES.tolist():
         surface = SmoothField(views, stiffness)
         pairs = zip(both, variances, strict=True)
         after = distance([surface.smoothed(one.normals, variance) for one, variance in pairs])
-        best, least, since = (stiffness, after, 0) if after < least else (best, least, since + 1)
-        if since == PATIENCE:
+        if after >= least:
             break
+        best, least = stiffness, after
     return best, 1.0 - least / max(before, 1e-300)
 
 
@@ -94,15 +119,11 @@ def flattened(views: Views, before: Array, after: Array, variance: Array, share:
     before, after: normals (P, 3) whose distance is that of noise of this variance (P,), of which the share (P,) is
     left, where nothing else was taken away. Noise is measured by the median over all pixels.
     """
-    from scipy.ndimage import gaussian_filter
-
     squared = np.arccos(np.clip(np.einsum("pi,pi->p", before, after), -1.0, 1.0)) ** 2
     # of the smoother S: (1 − S)² = 1 − 2 S + S², and diag S² = ½ diag S where λ |D x|² has two dimensions
     expected = variance * (1.0 - 1.5 * share)
     noise = expected * float(np.median(squared / expected)) / np.log(2.0)  # squares of two turns: exponential
-    sums = [gaussian_filter(views.image(one), WINDOW) for one in (np.minimum(squared, 16.0 * noise), noise)]
-    known = gaussian_filter(views.image(np.ones(len(squared))), WINDOW)[views.rows, views.columns]
-    found, chance = (one[views.rows, views.columns] / known for one in sums)
+    found, chance = (_around(views, one) for one in (np.minimum(squared, 16.0 * noise), noise))
     return np.maximum(found - (1.0 + 1.0 / np.sqrt(4.0 * np.pi * WINDOW**2)) * chance, 0.0)
 
 
@@ -178,9 +199,11 @@ class SmoothField:
 
 
 def bodies_at(views: Views, fit: Fit) -> Array:
-    """(C, P) body colours by robust least squares at the normals and the first lobe of `fit`."""
+    """(C, P) body colours by robust least squares at the normals and lobes of `fit`."""
     shade, even = shading(fit.normals, views.to_lamp, views.to_eye, fit.rows), fit.evenness(views.place)
-    lit, light = (even * shade.body)[:, None], even[:, None] * fit.interface_colour * shade.interface[:, None]
+    further = further_lobes(fit, views.to_lamp, views.to_eye)
+    interface = shade.interface if further is None else shade.interface + further
+    lit, light = (even * shade.body)[:, None], even[:, None] * fit.interface_colour * interface[:, None]
     inverse, body = precision(views, fit.model_error), fit.body
     for _ in range(BODY_PASSES):
         squared = (views.values - lit * body - light) ** 2 * inverse / CAUCHY_SCALE**2
@@ -188,6 +211,14 @@ def bodies_at(views: Views, fit: Fit) -> Array:
         found = np.sum(weight * lit * (views.values - light), axis=0) / (np.sum(weight * lit**2, axis=0) + 1e-12)
         body = np.maximum(found, LEAST_BODY_RATIO * fit.body)
     return body
+
+
+def _around(views: Views, pixels: Array) -> Array:
+    """(P,) mean of `pixels` (P,) in the neighbourhood of each."""
+    from scipy.ndimage import gaussian_filter
+
+    known, whole = (gaussian_filter(views.image(one), WINDOW) for one in (np.ones(len(pixels)), pixels))
+    return whole[views.rows, views.columns] / known[views.rows, views.columns]
 
 
 def _axes(views: Views) -> Array:
