@@ -70,7 +70,7 @@ class Case:
         lamp = self.truth.capture.photographs[number].lamps[0]
         return np.broadcast_to(np.asarray(lamp.to_lamp, np.float64), self.true_normals().shape)
 
-    def row(self, name: str, shown: Array, normals: Array | None) -> list[float | str]:
+    def row(self, name: str, shown: Array, normals: Array | None) -> list[float | str | None]:
         """Name, error, share of the squared error by bands of φ, and mean error of normals [°], of values `shown` per
         irradiance (H, C, P) under the lamps kept aside.
         """
@@ -82,13 +82,13 @@ class Case:
             phi = np.degrees(np.arccos(np.clip(self.true_normals() @ half / np.linalg.norm(half), -1.0, 1.0)))
             bands += np.histogram(phi, BANDS, weights=squared)[0]
             errors.append(float(np.sqrt(squared.sum() / np.sum(true**2))))
-        off = np.nan if normals is None else float(np.mean(_angle(normals, self.true_normals())))
+        off = None if normals is None else float(np.mean(_angle(normals, self.true_normals())))
         return [name, float(np.mean(errors)), *(bands / bands.sum()).tolist(), off]
 
 
 def highlights(
     name: str, size: int = 154, lamps: int = 96, progress: hg.Progress = hg.silent
-) -> list[list[float | str]]:
+) -> list[list[float | str | None]]:
     """Rows of the table of an object: see `Case.row`."""
     progress(0.0, f"{name}: photographs")
     truth = mirror_object(name, size, lamps)
@@ -201,14 +201,15 @@ def _angle(one: Array, other: Array) -> Array:
     return np.degrees(np.arccos(np.clip(np.sum(one * other, axis=1), -1.0, 1.0)))
 
 
-def cells(row: Sequence[float | str]) -> list[str]:
+def cells(row: Sequence[float | str | None]) -> list[str]:
     """A row of the table as text."""
-    name, error, *bands, normals = row
-    off = "" if np.isnan(float(normals)) else f"{normals:.3f}°"
-    return [str(name), f"{error:.4f}", *(f"{100.0 * float(band):.0f} %" for band in bands), off]
+    name, *figures, normals = row
+    error, *bands = (float(one) for one in figures if one is not None)
+    off = "" if normals is None else f"{normals:.3f}°"
+    return [str(name), f"{error:.4f}", *(f"{100.0 * band:.0f} %" for band in bands), off]
 
 
-def page(results: dict[str, list[list[float | str]]]) -> str:
+def page(results: dict[str, list[list[float | str | None]]]) -> str:
     """The tables as Markdown."""
     lines = []
     for name, rows in results.items():

@@ -54,7 +54,7 @@ def mirror_object(name: str, size: int = 154, lamps: int = 96, seed: int = 0) ->
     rows, columns = np.nonzero(share > 0.0)
     within = np.arange(PARTS)
     index = rows[:, None, None] * PARTS + within[:, None], columns[:, None, None] * PARTS + within
-    parts, counted = (one[index].reshape(len(rows), PARTS**2, *one.shape[2:]) for one in (normals, inside))
+    parts, counted = normals[index].reshape(len(rows), PARTS**2, 3), inside[index].reshape(len(rows), PARTS**2)
     x, y = np.moveaxis(_means(place), 2, 0)[:, rows, columns]
     body = (1.0 + 0.15 * np.sin(2.5 * x + 1.0) * np.cos(3.0 * y))[:, None] * BODY
     towards, values = _directions(lamps, random), np.zeros((lamps, size, size, 3))

@@ -27,9 +27,9 @@ SIZE, LAMPS, RADIUS = 41, 9, 30.0  # px, lamps, px
 def seen(size: int = SIZE) -> Views:
     """A square of pixels seen from afar; what the photographs show has no effect."""
     camera = hg.Camera(size, size, (1e5, 1e5), (size / 2, size / 2)).look_at((0, 0, 50.0), (0, 0, 0), up=(0, 1, 0))
-    values, turn = np.full((size, size, 2), 0.3), 2.0 * np.pi * np.arange(LAMPS) / LAMPS
+    values, turn = np.full((size, size, 2), 0.3, np.float32), 2.0 * np.pi * np.arange(LAMPS) / LAMPS
     shots = [
-        hg.Photograph(values, 1e-6 * np.ones_like(values), np.ones((size, size), bool), camera, (lamp,), f"{k}")
+        hg.Photograph(values, np.full_like(values, 1e-6), np.ones((size, size), bool), camera, (lamp,), f"{k}")
         for k, lamp in enumerate(
             hg.Lamp(to_lamp=(0.5 * np.cos(t), 0.5 * np.sin(t), np.sqrt(0.75)), intensity=np.pi) for t in turn
         )
@@ -42,7 +42,7 @@ def sphere(views: Views) -> np.ndarray:
     return np.stack([x, y, np.sqrt(1.0 - x * x - y * y)], axis=1)
 
 
-def noisy(normals: np.ndarray, spread: float, random: np.random.Generator) -> np.ndarray:
+def noisy(normals: np.ndarray, spread: float | np.ndarray, random: np.random.Generator) -> np.ndarray:
     """Normals turned by noise of this standard deviation [rad] in each of two turns."""
     noise = spread * random.normal(size=normals.shape)
     moved = normals + noise - np.sum(noise * normals, axis=1, keepdims=True) * normals

@@ -22,7 +22,6 @@ from hagoromo.measurement.material.segment import segment
 from hagoromo.measurement.normals.gloss_choice import BY_EVIDENCE, GlossModel, choose_gloss
 from hagoromo.measurement.normals.lamp_shift import shifted_lamps
 from hagoromo.measurement.normals.lobe_fit import with_lobes, with_lobes_refined
-from hagoromo.measurement.normals.lobe_samples import RELATIVE_ERROR
 from hagoromo.measurement.normals.normal_errors import with_errors
 from hagoromo.measurement.normals.photometric_model import Fit, Prior, precision
 from hagoromo.measurement.normals.photometric_rounds import independent_share
@@ -142,11 +141,16 @@ def with_normals_of_lobes(capture: Capture, solved: NormalMap) -> NormalMap:
     views, fit = solved.views, solved.fit
     if fit.lobes is None:
         return solved
-    wide = replace(fit, model_error=max(fit.model_error, RELATIVE_ERROR), smooth=None)  # as the lobes were found
-    pixels = fit_pixels(views, conditions(views, wide), fit.normals, fit.body)
-    wide = replace(wide, normals=pixels.normals, body=pixels.body, variance=pixels.variance, pixel_status=pixels.status)
-    smoothed = replace(with_smooth_normals(views, wide), model_error=fit.model_error)
-    return solved.of(with_lobes_refined(capture, views, smoothed))
+    pixels = fit_pixels(views, conditions(views, fit), fit.normals, fit.body)
+    moved = replace(
+        fit,
+        normals=pixels.normals,
+        body=pixels.body,
+        variance=pixels.variance,
+        pixel_status=pixels.status,
+        smooth=None,
+    )
+    return solved.of(with_lobes_refined(capture, views, with_smooth_normals(views, moved)))
 
 
 def with_shared_errors(solved: NormalMap) -> NormalMap:
@@ -162,8 +166,16 @@ def with_further_lobes(capture: Capture, solved: NormalMap) -> NormalMap:
 
 
 def with_own_gloss(solved: NormalMap) -> NormalMap:
-    """`solved` with the gloss of each pixel where it varies over a material, and the normals that go with it."""
-    return solved.of(with_solved_gloss(solved.views, solved.fit))
+    """`solved` with the gloss of each pixel where it varies over a material, and the normals that go with it.
+
+    Those are solved with the gloss of their own pixel, and not smoothed.
+    """
+    fit = with_solved_gloss(solved.views, solved.fit)
+    if fit.own is not None and fit.smooth is not None:
+        varies = np.array([test is not None and test.varies for test in fit.own_tests])
+        share = np.where(varies[fit.labels], 1.0, fit.smooth.share)
+        fit = replace(fit, smooth=replace(fit.smooth, share=share))
+    return solved.of(fit)
 
 
 def solve_with_one_lobe(

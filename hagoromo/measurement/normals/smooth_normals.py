@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.least_squares.loss import CAUCHY_SCALE
+from hagoromo.measurement.normals.lobe_samples import RELATIVE_ERROR
 from hagoromo.measurement.normals.photometric_model import Fit, further_lobes, further_rows, precision
 from hagoromo.measurement.normals.pixel_errors import UNKNOWN_DIRECTION
 from hagoromo.measurement.normals.pixel_fit import LEAST_BODY_RATIO, NormalFit, PixelConditions, fit_pixels
@@ -63,9 +64,14 @@ def of_halves(views: Views, fit: Fit) -> list[NormalFit]:
     return [fit_pixels(half, conditions(half, fit), fit.normals, fit.body) for half in halves(views)]
 
 
-def conditions(views: Views, fit: Fit) -> PixelConditions:
-    """Those of `fit`, with all its lobes."""
-    return PixelConditions(fit.rows, fit.evenness(views.place), precision(views, fit.model_error), further_rows(fit))
+def conditions(views: Views, fit: Fit, place: Array | None = None) -> PixelConditions:
+    """Those of `fit`, with all its lobes; beside several, errors of the model are those with which they were found.
+
+    place: (P, 2) of pixels that are part of an object.
+    """
+    model_error = fit.model_error if fit.lobes is None else max(fit.model_error, RELATIVE_ERROR)
+    even = fit.evenness(views.place if place is None else place)
+    return PixelConditions(fit.rows, even, precision(views, model_error), further_rows(fit))
 
 
 def noise_factor(views: Views, both: Sequence[NormalFit]) -> Array:
@@ -204,7 +210,7 @@ def bodies_at(views: Views, fit: Fit) -> Array:
     further = further_lobes(fit, views.to_lamp, views.to_eye)
     interface = shade.interface if further is None else shade.interface + further
     lit, light = (even * shade.body)[:, None], even[:, None] * fit.interface_colour * interface[:, None]
-    inverse, body = precision(views, fit.model_error), fit.body
+    inverse, body = conditions(views, fit).precision, fit.body
     for _ in range(BODY_PASSES):
         squared = (views.values - lit * body - light) ** 2 * inverse / CAUCHY_SCALE**2
         weight = inverse / (1.0 + squared)
