@@ -43,7 +43,7 @@ TITLES = ("step", "error", *(f"{low:.0f}–{high:.0f}°" for low, high in pairwi
 
 
 @dataclass(frozen=True, eq=False)
-class Case:
+class UnseenLamps:
     """An object, the numbers of the lamps that were measured and of those kept aside, and the first fit."""
 
     truth: MirrorObject
@@ -89,7 +89,7 @@ class Case:
 def highlights(
     name: str, size: int = 154, lamps: int = 96, progress: hg.Progress = hg.silent
 ) -> list[list[float | str | None]]:
-    """Rows of the table of an object: see `Case.row`."""
+    """Rows of the table of an object: see `UnseenLamps.row`."""
     progress(0.0, f"{name}: photographs")
     truth = mirror_object(name, size, lamps)
     held = np.arange(FIRST, lamps, EVERY)
@@ -97,7 +97,7 @@ def highlights(
     rest = replace(truth.capture, photographs=tuple(truth.capture.photographs[k] for k in measured))
     progress(0.2, f"{name}: normals")
     plain = solve_with_one_lobe(rest)
-    case = Case(truth, measured, held, plain)
+    case = UnseenLamps(truth, measured, held, plain)
     progress(0.4, f"{name}: lobes")
     steps = {"one-lobe normals, lobes": with_further_lobes(rest, plain)}
     steps["+ smooth normals"] = with_further_lobes(rest, smooth(plain))
@@ -119,7 +119,7 @@ def highlights(
     return [*rows, case.row("the truth without noise", noiseless, None)]
 
 
-def free_table(case: Case, solved: NormalMap, normals: Array, bounds: bool, footprint: bool) -> Array:
+def free_table(case: UnseenLamps, solved: NormalMap, normals: Array, bounds: bool, footprint: bool) -> Array:
     """(H, C, P) values under the lamps kept aside, of a monotone table of the half angle on `normals` (P, 3).
 
     bounds: clipped values count as lower bounds; else they are left out. footprint: means over 3 × 3 normals a pixel.
@@ -152,7 +152,7 @@ def free_table(case: Case, solved: NormalMap, normals: Array, bounds: bool, foot
     return np.stack(shown)
 
 
-def _forecast(case: Case, solved: NormalMap) -> Array:
+def _forecast(case: UnseenLamps, solved: NormalMap) -> Array:
     """(H, C, P) what the fit gives under the lamps kept aside."""
     views = solved.views
     return np.stack([predicted(solved.fit, case.to_lamp(k)[None], views.to_eye)[0] for k in case.held])
