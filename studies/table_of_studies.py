@@ -60,6 +60,11 @@ STUDIES: dict[str, Study] = {
             _module("relit_limits", f"{DATA}/uw_psm", "--shrink", "4", "--out", "out/relit_limits", "--force"),
         ),
     ),
+    "highlights": Study(
+        "where unseen lamps are missed on glossy objects, and what each step gives: docs/relighting.md",
+        "10 minutes",
+        (_module("highlights", "--out", "out/highlights", "--force"),),
+    ),
     "recover": Study(
         "objects recovered from simulated and real photographs of many views, against views and lamps kept aside",
         "three quarters of an hour",

@@ -23,8 +23,9 @@ from numpy.typing import NDArray
 
 from hagoromo.image.relight.forecast import Forecast, forecast_of, outside_hull
 from hagoromo.measurement.normals.normals import NormalMap
-from hagoromo.measurement.normals.photometric_model import Fit, further_lobes, precision, predicted
-from hagoromo.measurement.normals.pixel_fit import PixelConditions, fit_pixels
+from hagoromo.measurement.normals.photometric_model import Fit, predicted
+from hagoromo.measurement.normals.pixel_fit import NormalFit, fit_pixels
+from hagoromo.measurement.normals.smooth_normals import conditions
 from hagoromo.measurement.normals.views import Array, Views
 from hagoromo.measurement.surface.horizon import height_over_horizon
 from hagoromo.photograph.capture import Capture
@@ -192,18 +193,27 @@ def _cases(capture: Capture, views: Views, fit: Fit, some: NDArray[np.intp], pas
     values, trusted, directions = _known(capture, few)
     even, count = fit.evenness(place), len(values)
     height = np.stack([_heights(capture, few, to_lamp) for to_lamp in few.to_lamp])
-    further, cases = further_lobes(few_fit, few.to_lamp, few.to_eye), []
-    if further is not None:  # the pixel fit has the first lobe alone
-        few = replace(few, values=few.values - even[:, None] * few_fit.interface_colour * further[:, None])
+    whole, cases = fit_pixels(few, conditions(few, few_fit, place), few_fit.normals, few_fit.body), []
     for number in np.unique(np.linspace(0, count - 1, min(count, LEFT_OUT)).round().astype(int)).tolist():
         rest = np.arange(count) != number
         without = replace(few, used=few.used & rest[:, None])
-        light = PixelConditions(few_fit.rows, even, precision(without, fit.model_error))
-        pixels = fit_pixels(without, light, few_fit.normals, few_fit.body)
-        one = replace(few_fit, normals=pixels.normals, body=pixels.body)
+        pixels = fit_pixels(without, conditions(without, few_fit, place), few_fit.normals, few_fit.body)
+        one = _changed(few_fit, whole, pixels)
         fitted = (even * passed)[:, None] * predicted(one, few.to_lamp, few.to_eye)
-        cases.append(HeldOutFit(number, values, trusted, directions, fitted, passed, height, even, pixels.body))
+        cases.append(HeldOutFit(number, values, trusted, directions, fitted, passed, height, even, one.body))
     return cases
+
+
+def _changed(fit: Fit, whole: NormalFit, without: NormalFit) -> Fit:
+    """`fit` as without a photograph, of pixels that are `whole` with it.
+
+    Of the change of a normal that is smoothed over neighbours, the share is left that is left of its variance.
+    """
+    if fit.smooth is None:
+        return replace(fit, normals=without.normals, body=without.body)
+    normals = fit.normals + fit.smooth.share[:, None] * (without.normals - whole.normals)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return replace(fit, normals=normals, body=fit.body * without.body / np.maximum(whole.body, 1e-300))
 
 
 def _known(capture: Capture, views: Views) -> tuple[Array, NDArray[np.bool_], Array]:

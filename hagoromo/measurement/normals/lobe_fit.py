@@ -102,6 +102,26 @@ def find_lobes(views: Views, fit: Fit, place: Array, trust: Trust, seed: int = 0
     return each
 
 
+def with_lobes_refined(capture: Capture, views: Views, fit: Fit, seed: int = 0) -> Fit:
+    """`fit`, whose normals moved since its lobes were found, with lobes and body colours that fit best there."""
+    trust, random, place, each = trust_of(capture, views), np.random.default_rng(seed), views.place, []
+    assert fit.lobes is not None
+    for number, further in enumerate(fit.lobes.each):
+        if not further:
+            each.append(None)
+            continue
+        own, row = np.flatnonzero(fit.labels == number), fit.gloss.rows[number]
+        some = np.sort(random.choice(own, min(len(own), most_pixels(len(views.values))), replace=False))
+        samples = samples_of(views.pixels(some), fit.pixels(some), place[some], trust.pixels(some))
+        shapes = LobeShapes(np.concatenate([row[None, :2], np.log(further)]), float(row[TAIL]))
+        for _ in range(PASSES):
+            samples = with_errors_of_normals(samples, shapes, fit.variance[some])
+            shapes = refined(samples, shapes)
+        found = FoundLobes(with_covariance(samples, shapes, place[some]), samples.coloured, fit.lobes.gains[number])
+        each.append(found.widened(fit, own))
+    return with_bodies(views, fit_with(fit, each), place, trust, each)
+
+
 def most_pixels(lamps: int) -> int:
     """The most pixels of a material from which lobes are estimated: of many lamps, many say the same."""
     return min(LOBE_PIXELS, max(LOBE_VALUES // lamps, FEWEST_OF_LOBES))

@@ -21,13 +21,15 @@ from hagoromo.measurement.gloss.solved_gloss import with_solved_gloss
 from hagoromo.measurement.material.segment import segment
 from hagoromo.measurement.normals.gloss_choice import BY_EVIDENCE, GlossModel, choose_gloss
 from hagoromo.measurement.normals.lamp_shift import shifted_lamps
-from hagoromo.measurement.normals.lobe_fit import with_lobes
+from hagoromo.measurement.normals.lobe_fit import with_lobes, with_lobes_refined
 from hagoromo.measurement.normals.normal_errors import with_errors
 from hagoromo.measurement.normals.photometric_model import Fit, Prior, precision
 from hagoromo.measurement.normals.photometric_rounds import independent_share
 from hagoromo.measurement.normals.photometric_step import PixelProblem
+from hagoromo.measurement.normals.pixel_errors import UNKNOWN_DIRECTION
 from hagoromo.measurement.normals.pixel_fit import PixelConditions, fit_pixels
 from hagoromo.measurement.normals.shading import LEAST_COSINE, TAIL, Gloss
+from hagoromo.measurement.normals.smooth_normals import conditions, with_smooth_normals
 from hagoromo.measurement.normals.views import Array, Views, views_from_capture
 from hagoromo.photograph.capture import Capture
 from hagoromo.progress import Progress, part_of, silent
@@ -35,6 +37,7 @@ from hagoromo.progress import Progress, part_of, silent
 START_GLOSS = (np.log(1.0), np.log(0.3), 0.0, 0.0)  # ln β, ln γ [rad], σ, ln(1 + ε) at the start
 START_ERROR = 0.02  # relative error of Lambert's law in the weights of the start
 LAMBERT_REWEIGHTINGS = 10
+LEAST_SHARE = 1e-3  # of the own variance that smoothing leaves
 SUBSET = 2000  # pixels, at most, from which gloss and lamps are estimated
 SUBSET_VALUES, FEWEST_OF_SUBSET = 80_000, 600  # lamps × pixels of it, at most, and pixels that it has in any case
 
@@ -58,9 +61,15 @@ class NormalMap:
 
     @property
     def own_variance(self) -> NDArray[np.float32]:
-        """(h, w) variance of the direction [rad²] that is independent between pixels, inf where unknown."""
-        errors = self.fit.errors
-        return self.variance if errors is None else self.views.image(errors.own.astype(np.float32), np.inf)
+        """(h, w) variance of the direction [rad²] that is independent between pixels, inf where unknown.
+
+        Smoothed normals err less, but as their neighbours do: in sums over pixels they count as before.
+        """
+        errors, smooth = self.fit.errors, self.fit.smooth
+        own = self.fit.variance if errors is None else errors.own
+        if smooth is not None:
+            own = np.minimum(own / np.maximum(smooth.share, LEAST_SHARE), UNKNOWN_DIRECTION)
+        return self.views.image(own.astype(np.float32), np.inf)
 
     @property
     def modes(self) -> NDArray[np.float32] | None:
@@ -77,6 +86,16 @@ class NormalMap:
         if errors is None:
             return None
         return self.views.image((self.fit.body * np.sqrt(errors.body_variance)).T, np.nan)
+
+    def of(self, fit: Fit) -> NormalMap:
+        """The same pixels with another fit."""
+        return replace(
+            self,
+            fit=fit,
+            normals=self.views.image(fit.normals.astype(np.float32)),
+            variance=self.views.image(fit.variance.astype(np.float32), np.inf),
+            body=self.views.image(fit.body.T.astype(np.float32)),
+        )
 
     def __repr__(self) -> str:
         height, width = self.labels.shape
@@ -103,9 +122,35 @@ def solve_normals(
     """
     solved = solve_with_one_lobe(capture, labels, prior, part_of(progress, 0.0, 0.8), model)
     progress(0.8, "lobes")
-    solved = with_further_lobes(capture, solved)
+    solved = with_normals_of_lobes(capture, with_further_lobes(capture, smooth(solved)))
     progress(0.9, "gloss")
     return with_shared_errors(with_own_gloss(solved))
+
+
+def smooth(solved: NormalMap) -> NormalMap:
+    """`solved` with the normals of a smooth surface where those are nearer: see `smooth_normals`."""
+    return solved.of(with_smooth_normals(solved.views, solved.fit))
+
+
+def with_normals_of_lobes(capture: Capture, solved: NormalMap) -> NormalMap:
+    """`solved` with the normals that go with all its lobes, and these lobes where they fit best there; as it is where
+    every material has one.
+
+    A spike above a haze is an outlier to a fit of one lobe, and pulls its normals.
+    """
+    views, fit = solved.views, solved.fit
+    if fit.lobes is None:
+        return solved
+    pixels = fit_pixels(views, conditions(views, fit), fit.normals, fit.body)
+    moved = replace(
+        fit,
+        normals=pixels.normals,
+        body=pixels.body,
+        variance=pixels.variance,
+        pixel_status=pixels.status,
+        smooth=None,
+    )
+    return solved.of(with_lobes_refined(capture, views, with_smooth_normals(views, moved)))
 
 
 def with_shared_errors(solved: NormalMap) -> NormalMap:
@@ -121,17 +166,16 @@ def with_further_lobes(capture: Capture, solved: NormalMap) -> NormalMap:
 
 
 def with_own_gloss(solved: NormalMap) -> NormalMap:
-    """`solved` with the gloss of each pixel where it varies over a material, and the normals that go with it."""
-    views, fit = solved.views, with_solved_gloss(solved.views, solved.fit)
-    if fit.own is None:
-        return replace(solved, fit=fit)
-    return replace(
-        solved,
-        fit=fit,
-        normals=views.image(fit.normals.astype(np.float32)),
-        variance=views.image(fit.variance.astype(np.float32), np.inf),
-        body=views.image(fit.body.T.astype(np.float32)),
-    )
+    """`solved` with the gloss of each pixel where it varies over a material, and the normals that go with it.
+
+    Those are solved with the gloss of their own pixel, and not smoothed.
+    """
+    fit = with_solved_gloss(solved.views, solved.fit)
+    if fit.own is not None and fit.smooth is not None:
+        varies = np.array([test is not None and test.varies for test in fit.own_tests])
+        share = np.where(varies[fit.labels], 1.0, fit.smooth.share)
+        fit = replace(fit, smooth=replace(fit.smooth, share=share))
+    return solved.of(fit)
 
 
 def solve_with_one_lobe(

@@ -19,6 +19,7 @@ from hagoromo.least_squares.loss import CAUCHY_SCALE
 from hagoromo.measurement.normals.own_gloss import OWN, OwnGloss, OwnGlossTest
 from hagoromo.measurement.normals.pixel_errors import PixelErrors
 from hagoromo.measurement.normals.shading import TAIL, Gloss, shading
+from hagoromo.measurement.normals.smooth_share import SmoothShare
 from hagoromo.measurement.normals.views import Array, Views
 from hagoromo.measurement.photometric.reading import reading
 
@@ -69,7 +70,8 @@ class Fit:
     where it was not tested. lamp_variance: (K, 6) of strength and slope less their means over the lamps, and of
     shift; None where they were not fitted. prior: of lamps and bodies, with the scales that were learnt. share:
     effective number of independent values per value. errors: of each pixel and of all, of which `variance` is the sum;
-    None: `variance` is that of noise and model error alone.
+    None: `variance` is that of noise and model error alone. smooth: how normals were smoothed over neighbours
+    (`smooth_normals`); None: they were not.
     """
 
     normals: Array
@@ -94,6 +96,7 @@ class Fit:
     prior: Prior | None = None
     share: float = 1.0
     errors: PixelErrors | None = None
+    smooth: SmoothShare | None = None
 
     @property
     def rows(self) -> Array:
@@ -118,7 +121,8 @@ class Fit:
         parts = {name: getattr(self, name)[chosen] for name in names}
         own = None if self.own is None else self.own.pixels(chosen)
         errors = None if self.errors is None else self.errors.pixels(chosen)
-        return replace(self, body=self.body[:, chosen], own=own, errors=errors, **parts)
+        smooth = None if self.smooth is None else self.smooth.pixels(chosen)
+        return replace(self, body=self.body[:, chosen], own=own, errors=errors, smooth=smooth, **parts)
 
 
 def evenness(strength: Array, slope: Array, place: Array) -> Array:
@@ -138,19 +142,25 @@ def further_lobes(fit: Fit, to_lamp: Array, to_eye: Array) -> Array | None:
     """(K, P) what the further lobes add to the interface under lamps (K, P, 3); None where there are none."""
     if fit.lobes is None:
         return None
-    count = max(len(one) for one in fit.lobes.each)
     total = np.zeros(to_lamp.shape[:2])
+    for lobe in further_rows(fit):
+        rows = np.concatenate([lobe, fit.rows[:, 2:TAIL]], axis=1)
+        total = total + shading(fit.normals, to_lamp, to_eye, rows).interface
+    return total
+
+
+def further_rows(fit: Fit) -> tuple[Array, ...]:
+    """Of each further lobe (P, 2) ln β and ln γ of each pixel, −∞ and 0 where its material has no such lobe."""
+    if fit.lobes is None:
+        return ()
     with np.errstate(invalid="ignore"):
         apart = fit.rows[:, :2] - fit.gloss.rows[fit.labels, :2]  # of a pixel's gloss from that of its material
-    for k in range(count):
-        rows = fit.gloss.rows.copy()
-        for m, one in enumerate(fit.lobes.each):
-            rows[m, :2] = (np.log(one[k][0]), np.log(one[k][1])) if k < len(one) else (-np.inf, 0.0)
-        rows[:, TAIL:] = 0.0
-        each = rows[fit.labels]
-        each[:, :2] += np.nan_to_num(apart)  # both −∞ where a material has no gloss
-        total = total + shading(fit.normals, to_lamp, to_eye, each).interface
-    return total
+    apart = np.nan_to_num(apart)  # both −∞ where a material has no gloss
+    each = []
+    for k in range(max(len(one) for one in fit.lobes.each)):
+        rows = np.array([np.log(one[k]) if k < len(one) else (-np.inf, 0.0) for one in fit.lobes.each])
+        each.append(rows[fit.labels] + apart)
+    return tuple(each)
 
 
 def precision(views: Views, model_error: float) -> Array:

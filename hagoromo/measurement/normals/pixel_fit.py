@@ -33,12 +33,13 @@ class PixelConditions(NamedTuple):
     """The known quantities of the pixel fit.
 
     gloss: (P, G) rows of `Gloss`. evenness: (K, P) factor of the lamps. precision: (K, C, P) inverse variance of the
-    values, 0 where they are not used.
+    values, 0 where they are not used. further: of each further lobe (P, 2) ln β and ln γ [rad] of its Gaussian facets.
     """
 
     gloss: Array
     evenness: Array
     precision: Array
+    further: tuple[Array, ...] = ()
 
 
 class Equations(NamedTuple):
@@ -144,6 +145,7 @@ class PixelData:
         self.evenness, self.to_lamp = self.floats(light.evenness), self.floats(views.to_lamp)
         self.to_eye = self.vectors(views.to_eye)
         self.gloss = [self.floats(row) for row in np.maximum(light.gloss[:, :TAIL], -80.0).T]
+        self.further = [[self.floats(row) for row in np.maximum(lobe, -80.0).T] for lobe in light.further]
         nu = exponent_of(light.gloss)
         self.tails = {} if nu is None else {"nu": self.floats(nu)}
         colours = colour_of(light.gloss).T
@@ -226,6 +228,10 @@ class PixelData:
             weights = torrance_sparrow(n, to_lamp, self.to_eye, 1.0, beta, gamma, N, **self.tails)
             body = body_of(weights.body, dr.dot(n, self.to_eye), dr.dot(to_lamp, self.to_eye), self.gloss[2:])
             weights = body, weights.interface
+            for lobe in self.further:
+                beta, gamma = (dr.exp(row) for row in lobe)
+                more = torrance_sparrow(n, to_lamp, self.to_eye, 1.0, beta, gamma, N).interface
+                weights = body, weights[1] + more
             dr.set_grad(angle, 1.0)
             slopes.append(dr.forward_to(*weights))
         return tuple(dr.detach(weight) for weight in weights), slopes

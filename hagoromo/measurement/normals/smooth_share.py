@@ -1,0 +1,34 @@
+"""Smooth share: how much of the own variance of each normal is left where normals of neighbours were smoothed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class SmoothShare:
+    """stiffness: λ [rad⁻²] of `smooth_normals`. gain: share of the squared distance between normals of both halves of
+    the lamps that it takes off. share: (P,) of the own variance that is left.
+
+    What is left is alike in neighbours: in means over many pixels it counts as the variance before.
+    """
+
+    stiffness: float
+    gain: float
+    share: Array
+
+    def pixels(self, chosen: NDArray) -> SmoothShare:
+        """That of some pixels."""
+        return SmoothShare(self.stiffness, self.gain, self.share[chosen])
+
+    def remark(self) -> str:
+        """What was done and why."""
+        return (
+            f"normals are those of a smooth surface: of half of the lamps they predict the other half's normals "
+            f"{100.0 * self.gain:.0f} % better"
+        )
