@@ -99,9 +99,9 @@ def render(
         settings = replace(settings, separate_lamps=True)
     try:
         with progress_bar("render") as progress:
-            given, rest = (
-                (scene, progress) if scheduler.chosen or mode != "march" else _loaded(scene, settings, progress)
-            )
+            given, rest = scene, progress
+            if scheduler.chosen is None and mode == "march":
+                given, rest = _loaded(scene, settings, progress)
             image = hg.render(given, settings, rest, scheduler.chosen, mode, unfinished, layers or denoise)
     except hg.RenderInterrupted as interrupt:
         interrupt.image.save(out, camera.response, force or resume, display=display)

@@ -108,7 +108,9 @@ def test_a_wrong_kind_of_file_is_named_as_such(refused, dome, tmp_path):
     (tmp_path / "lamps.csv").write_text("x,y,z\n0,0,1\n")
     out = "--out", tmp_path / "result"
     assert "is no list of lamps" in refused("capture", *arguments[1:4], "--lamps", tmp_path / "lamps.csv", *out)
-    assert "is a folder: give its photographs" in refused("capture", empty, "--lamps", tmp_path / "dome.lp", *out)
+    assert "empty has no photographs: give a folder of RAW" in refused(
+        "capture", empty, "--lamps", tmp_path / "dome.lp", *out
+    )
     for verb in ("measure", "relight"):
         assert "empty has no transforms.json: give a capture" in refused(verb, empty, *out)
     for verb, *more in (("publish",), ("export", "--to", "png")):

@@ -26,6 +26,12 @@ INSIDE = {  # modules of the package that a study takes apart, and why no public
         "files.resumable",
     },
     "encoding.py": {"measurement.normals.normals", "measurement.normals.photometric_model"},
+    # the fit step by step, each with what is left out of the others
+    "highlights.py": {
+        "measurement.normals.normals",
+        "measurement.normals.photometric_model",
+        "measurement.normals.shading",
+    },
     "leave_one_out.py": {"measurement.normals.normals"},
     "predicted_photograph.py": {"measurement.normals.photometric_model"},
     # exact shapes by signed distances, and light by the law itself, sphere-traced on the device
