@@ -42,7 +42,7 @@ def main() -> None:
             rows.append(alone(measured, name, built, home, name))
         for suffix in EXPORTS:
             rows.append(alone(measured, f"hair.{suffix}", exported, home, suffix))
-        rows.append(alone(measured, "info of hair", told, home))
+        rows.append(alone(measured, "info of hair", contents, home))
         rows.append(alone(measured, "first picture of hair", pictured, home))
     for row in rows:
         peak, cpu = BEFORE.get(row["what"], ("", ""))
@@ -87,7 +87,7 @@ def exported(home: Path, suffix: str) -> Path:
     return home / f"hair.{suffix}"
 
 
-def told(home: Path) -> Path:
+def contents(home: Path) -> Path:
     """What `info` says of the hair."""
     from hagoromo.app.info import info
 

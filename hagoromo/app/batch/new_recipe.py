@@ -76,7 +76,7 @@ options = { capture = "{captured}", title = "{name}" }
 """
 
 
-class Steps(NamedTuple):
+class ObjectSteps(NamedTuple):
     """What the steps of some objects have in common. lamps: the file that lists them; "": read off a chrome ball."""
 
     captured: bool
@@ -92,7 +92,7 @@ class Steps(NamedTuple):
 class Shelf(NamedTuple):
     """Folders of objects by their steps, and for each folder that is none the reason."""
 
-    objects: dict[Steps, list[str]]
+    objects: dict[ObjectSteps, list[str]]
     left_out: dict[str, str]
 
 
@@ -113,11 +113,11 @@ def shelf_of(folder: Path) -> Shelf:
     """The objects in the folders of `folder`; `InputError` where there is none."""
     beside = files_in(folder)
     listed = lamp_lists_among(beside)
-    objects: dict[Steps, list[str]] = {}
+    objects: dict[ObjectSteps, list[str]] = {}
     left_out: dict[str, str] = {}
     for home in sorted((one for one in visible(folder) if one.is_dir()), key=lambda one: as_counted(one.name)):
         found = _steps_of(home, listed)
-        if isinstance(found, Steps):
+        if isinstance(found, ObjectSteps):
             objects.setdefault(found, []).append(home.name)
         else:
             left_out[home.name] = found
@@ -130,13 +130,13 @@ def shelf_of(folder: Path) -> Shelf:
     return Shelf(objects, left_out)
 
 
-def _steps_of(home: Path, beside: Sequence[str]) -> Steps | str:
+def _steps_of(home: Path, beside: Sequence[str]) -> ObjectSteps | str:
     """The steps of an object in the folder `home`, or why there is none. beside: lists of lamps above it."""
     names = files_in(home)
     if not _plain(home.name):
         return "its name has { or }, a line's end or letters that are not Unicode: rename it"
     if TRANSFORMS in names:
-        return Steps(captured=True)
+        return ObjectSteps(captured=True)
     photographs = photographs_among(names)
     if len(photographs) < FEWEST:
         return f"{len(photographs) or 'no'} photographs: a shape needs {FEWEST} or more"
@@ -147,8 +147,8 @@ def _steps_of(home: Path, beside: Sequence[str]) -> Steps | str:
         if lists and not _plain(lists[0]):
             return f"the name of {lists[0]} has {{ or }}: rename it"
         if lists:
-            return Steps(False, f"{place}{lists[0]}", jpeg)
-    return Steps(False, "", jpeg)
+            return ObjectSteps(False, f"{place}{lists[0]}", jpeg)
+    return ObjectSteps(False, "", jpeg)
 
 
 def _plain(name: str) -> bool:
@@ -171,7 +171,7 @@ def recipe_text(shelf: Shelf) -> str:
     return text
 
 
-def _steps_text(steps: Steps, mark: str, each: str) -> Iterator[str]:
+def _steps_text(steps: ObjectSteps, mark: str, each: str) -> Iterator[str]:
     """The steps of some objects. mark: the end of their names; each: which objects, where others have other steps."""
     if not steps.captured:
         lamps = f"lamps = {toml_value(steps.lamps)}  # the direction to the lamp of each photograph"
