@@ -4,9 +4,19 @@ An extension: `make blender` packs this folder. Blender's own Python runs it; wh
 command `hagoromo` in a process of its own, so nothing has to be installed into Blender.
 """
 
-from . import boxes, command, dress, engine
+import bpy
 
-PARTS = command, engine, boxes, dress
+from . import command, engine
+from .boxes import OpenVolumeBox
+from .dress import Dress
+from .menus import InMenu
+
+PARTS = (
+    command,
+    engine,
+    InMenu(OpenVolumeBox, bpy.types.VIEW3D_MT_volume_add, "VOLUME_DATA"),
+    InMenu(Dress, bpy.types.VIEW3D_MT_object, "MOD_CLOTH"),
+)
 
 
 def register() -> None:

@@ -22,7 +22,7 @@ EXTINCTION = "hagoromo_extinction"  # what the box was built for: "isotropic" or
 MEAN_COSINE = -4.0 / 9.0  # of matte spheres
 
 
-class OpenBox(bpy.types.Operator):
+class OpenVolumeBox(bpy.types.Operator):
     """Open a volume box of Hagoromo (a folder such as cloth.zarr) as an object"""
 
     bl_idname = "hagoromo.open_box"
@@ -121,19 +121,3 @@ def copied(box: Path, folder: Path, name: str) -> Path:
 
     shutil.copytree(box, folder / name, copy_function=put)
     return folder / name
-
-
-def register() -> None:
-    """The operator, also in the menu Add › Volume."""
-    bpy.utils.register_class(OpenBox)
-    bpy.types.VIEW3D_MT_volume_add.append(_menu)
-
-
-def unregister() -> None:
-    """The same back."""
-    bpy.types.VIEW3D_MT_volume_add.remove(_menu)
-    bpy.utils.unregister_class(OpenBox)
-
-
-def _menu(menu: bpy.types.Menu, _context: bpy.types.Context) -> None:
-    menu.layout.operator(OpenBox.bl_idname, icon="VOLUME_DATA")

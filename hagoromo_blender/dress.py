@@ -17,7 +17,7 @@ from mathutils import Matrix, Vector
 
 from .boxes import opened
 from .command import Refused, run
-from .meshes import OF_MESHES
+from .meshes import OF_MESHES, whole_numbers
 from .toml_out import toml_of
 
 ON_A_MESH = ("skin", "hair", "solid")  # kinds that take [shape] form = "mesh"; cloth takes it with lay = "mesh"
@@ -123,12 +123,10 @@ def _triangles(shown: bpy.types.Object) -> tuple[np.ndarray, np.ndarray, np.ndar
     mesh.calc_loop_triangles()
     places = np.empty(3 * len(mesh.vertices), np.float32)
     mesh.vertices.foreach_get("co", places)
-    faces = np.empty(3 * len(mesh.loop_triangles), np.int32)
-    mesh.loop_triangles.foreach_get("vertices", faces)
+    faces = whole_numbers(mesh.loop_triangles, "vertices", 3).ravel()
     pose, uv = np.array(shown.matrix_world), None
     if mesh.uv_layers.active:
-        loops, at = np.empty(len(faces), np.int32), np.empty(2 * len(mesh.loops), np.float32)
-        mesh.loop_triangles.foreach_get("loops", loops)
+        loops, at = whole_numbers(mesh.loop_triangles, "loops", 3).ravel(), np.empty(2 * len(mesh.loops), np.float32)
         mesh.uv_layers.active.uv.foreach_get("vector", at)
         corners = np.concatenate([faces[:, None], at.reshape(-1, 2)[loops]], axis=1)
         kept, faces = np.unique(corners, axis=0, return_inverse=True)
@@ -146,19 +144,3 @@ def _ply(vertices: np.ndarray, faces: np.ndarray, uv: np.ndarray | None) -> byte
     values = vertices if uv is None else np.concatenate([vertices, uv], axis=1)
     indices = b"".join(struct.pack("<B3i", 3, *map(int, face)) for face in faces)
     return "\n".join(head).encode() + np.ascontiguousarray(values, "<f4").tobytes() + indices
-
-
-def register() -> None:
-    """The operator, in the menu Object."""
-    bpy.utils.register_class(Dress)
-    bpy.types.VIEW3D_MT_object.append(_menu)
-
-
-def unregister() -> None:
-    """The same back."""
-    bpy.types.VIEW3D_MT_object.remove(_menu)
-    bpy.utils.unregister_class(Dress)
-
-
-def _menu(menu: bpy.types.Menu, _context: bpy.types.Context) -> None:
-    menu.layout.operator(Dress.bl_idname, icon="MOD_CLOTH")

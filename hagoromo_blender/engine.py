@@ -20,7 +20,7 @@ FOR_ALL = ("BLENDER_EEVEE", "BLENDER_EEVEE_NEXT", "BLENDER_RENDER")  # panels th
 NOT_OURS = ("EEVEE", "FREESTYLE", "SIMPLIFY", "GREASE")
 
 
-class Settings(bpy.types.PropertyGroup):
+class RenderSettings(bpy.types.PropertyGroup):
     """What `hagoromo render` is asked for."""
 
     mode: bpy.props.EnumProperty(items=MODES, name="Light", default="march")  # pyrefly: ignore
@@ -110,7 +110,7 @@ class RenderPanel(bpy.types.Panel):
             self.layout.prop(asked, name)
 
 
-CLASSES = Settings, Engine, RenderPanel
+CLASSES = RenderSettings, Engine, RenderPanel
 
 
 def _panels() -> list[type]:
@@ -125,7 +125,7 @@ def register() -> None:
     """The engine, its settings and panels."""
     for kind in CLASSES:
         bpy.utils.register_class(kind)
-    bpy.types.Scene.hagoromo = bpy.props.PointerProperty(type=Settings)
+    bpy.types.Scene.hagoromo = bpy.props.PointerProperty(type=RenderSettings)
     for panel in _panels():
         panel.COMPAT_ENGINES.add(Engine.bl_idname)  # pyrefly: ignore
 

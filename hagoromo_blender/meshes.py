@@ -17,7 +17,7 @@ FLOAT, WORD = 5126, 5125  # component types of glTF
 OF_MESHES = ("MESH", "CURVE", "SURFACE", "FONT", "META")
 
 
-class Gltf:
+class GltfFile:
     """A .gltf that grows mesh by mesh; its numbers lie in one .bin beside it."""
 
     def __init__(self, folder: Path) -> None:
@@ -38,9 +38,12 @@ class Gltf:
             return
         mesh.calc_loop_triangles()
         count = len(mesh.loop_triangles)
-        corners, faces = _numbers(mesh.loop_triangles, "loops", 3), _numbers(mesh.loop_triangles, "polygon_index", 1)
-        which = _numbers(mesh.polygons, "material_index", 1)[faces[:, 0]][:, 0]
-        vertices = _numbers(mesh.loops, "vertex_index", 1)[:, 0]
+        corners, faces = (
+            whole_numbers(mesh.loop_triangles, "loops", 3),
+            whole_numbers(mesh.loop_triangles, "polygon_index", 1),
+        )
+        which = whole_numbers(mesh.polygons, "material_index", 1)[faces[:, 0]][:, 0]
+        vertices = whole_numbers(mesh.loops, "vertex_index", 1)[:, 0]
         places = np.empty(3 * len(mesh.vertices), np.float32)
         mesh.vertices.foreach_get("co", places)
         turned = np.array(pose)
@@ -119,7 +122,7 @@ class Gltf:
         return len(accessors) - 1
 
 
-def _numbers(items: Any, name: str, width: int) -> np.ndarray:
+def whole_numbers(items: Any, name: str, width: int) -> np.ndarray:
     """(n, width) whole numbers of a collection of Blender's."""
     values = np.empty(width * len(items), np.int32)
     items.foreach_get(name, values)

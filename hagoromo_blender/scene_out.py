@@ -18,12 +18,12 @@ from mathutils import Matrix, Vector
 from .boxes import EXTINCTION, KEY, copied
 from .command import Refused, run
 from .look import pixels_of, write_image
-from .meshes import OF_MESHES, Gltf
+from .meshes import OF_MESHES, GltfFile
 from .toml_out import toml_of
 
-SUN_FAR = 1e-3  # largest tangent of half the angle of a sun that is left out in silence
+LARGEST_SUN = 5e-3  # tangent of half the angle of a sun that is left out without a warning
 TO_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])  # Blender's cameras look along −z with y up
-MIRRORED = 1e-4  # largest departure of a box's pose from a rigid one
+FROM_RIGID = 1e-4  # largest departure of a box's pose from a rigid one
 
 
 def written(
@@ -35,7 +35,7 @@ def written(
 
     `Refused` where there is no camera, no lamp, or nothing to see.
     """
-    scene, made = depsgraph.scene, Gltf(folder)
+    scene, made = depsgraph.scene, GltfFile(folder)
     if scene.camera is None:
         raise Refused("the scene has no camera: add one (Add › Camera)")
     boxes, lamps = [], []
@@ -58,7 +58,7 @@ def written(
                 made.lost.add(f"{shown.name}: a volume that is no box of Hagoromo is left out (Add › Volume opens one)")
         elif shown.type in OF_MESHES:
             made.add(shown, pose)
-    if not made.record["meshes"] and not boxes:
+    if not made.meshes and not boxes:
         raise Refused("nothing is visible: the scene needs a mesh or a volume box that is rendered")
     tables = [_lamp(shown, pose, made.lost) for shown, pose in lamps]
     for number, (shown, _) in enumerate(lamps):
@@ -77,27 +77,24 @@ def written(
     return folder / "scene.toml", sorted(made.lost)
 
 
-def _converted(made: Gltf, folder: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
+def _converted(made: GltfFile, folder: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
     """Surfaces by Hagoromo's own reader of glTF, and the spectra of lamps by their names."""
-    if not made.record["meshes"]:  # a glTF has one: a triangle that is not taken over
+    bare = not made.meshes
+    if bare:  # a glTF has a mesh: a triangle that is not taken over
         made.record["materials"].append({"pbrMetallicRoughness": {}})
         at = made.accessor(np.eye(3), "VEC3")
         made.record["meshes"].append({"primitives": [{"attributes": {"POSITION": at}, "material": 0}]})
         made.record["nodes"].append({"mesh": 0})
-        surfaces = []
-    else:
-        surfaces = None
     said = run("convert", made.write(), "--out", folder / "surfaces")
     made.lost |= {line.removeprefix("lost: ") for line in said.splitlines() if line.startswith("lost: ")}
     found = tomllib.loads((folder / "surfaces" / "scene.toml").read_text(encoding="utf-8"))
     spectra = {lamp["name"]: lamp.get("spectrum", 1.0) for lamp in found.get("lamp", ())}
-    if surfaces is None:
-        surfaces = found["surface"]
-        for surface in surfaces:
-            surface |= {"mesh": f"surfaces/{surface['mesh']}", **made.meshes[int(surface["name"])]}
-            for key in ("body_texture", "gamma_texture", "beta_texture"):
-                if key in surface:
-                    surface[key]["file"] = f"surfaces/{surface[key]['file']}"
+    surfaces = [] if bare else found["surface"]
+    for surface in surfaces:
+        surface |= {"mesh": f"surfaces/{surface['mesh']}", **made.meshes[int(surface["name"])]}
+        for key in ("body_texture", "gamma_texture", "beta_texture"):
+            if key in surface:
+                surface[key]["file"] = f"surfaces/{surface[key]['file']}"
     return surfaces, spectra
 
 
@@ -132,7 +129,7 @@ def _lamp(shown: bpy.types.Object, pose: Matrix, lost: set[str]) -> tuple[str, d
     axis.normalize()
     power = lamp.energy * 2.0 ** getattr(lamp, "exposure", 0.0)
     if lamp.type == "SUN":
-        if math.tan(0.5 * lamp.angle) > 5.0 * SUN_FAR:
+        if math.tan(0.5 * lamp.angle) > LARGEST_SUN:
             lost.add(f"{shown.name}: the angle of the sun: it is a point infinitely far away")
         return "lamp", {"to_lamp": list(-axis), "intensity": power}
     if lamp.type == "AREA":
@@ -164,7 +161,7 @@ def _area(shown: bpy.types.Object, pose: Matrix, power: float, lost: set[str]) -
 def _rigid(shown: bpy.types.Object) -> dict[str, Any]:
     """The pose of a box, which may be moved and turned."""
     pose = np.array(shown.matrix_world)
-    if np.abs(pose[:3, :3].T @ pose[:3, :3] - np.eye(3)).max() > MIRRORED or np.linalg.det(pose) < 0.0:
+    if np.abs(pose[:3, :3].T @ pose[:3, :3] - np.eye(3)).max() > FROM_RIGID or np.linalg.det(pose) < 0.0:
         raise Refused(f"{shown.name} is scaled: a volume box can be moved and turned; build it in another size")
     return {"pose": pose.ravel().tolist()}
 
