@@ -17,7 +17,7 @@ from mathutils import Matrix, Vector
 
 from .boxes import EXTINCTION, KEY, copied
 from .command import Refused, run
-from .look import pixels_of, write_image
+from .look import GREY, pixels_of, write_image
 from .meshes import OF_MESHES, GltfFile
 from .toml_out import toml_of
 
@@ -81,7 +81,7 @@ def _converted(made: GltfFile, folder: Path) -> tuple[list[dict[str, Any]], dict
     """Surfaces by Hagoromo's own reader of glTF, and the spectra of lamps by their names."""
     bare = not made.meshes
     if bare:  # a glTF has a mesh: a triangle that is not taken over
-        made.record["materials"].append({"pbrMetallicRoughness": {}})
+        made.record["materials"].append(GREY)
         at = made.accessor(np.eye(3), "VEC3")
         made.record["meshes"].append({"primitives": [{"attributes": {"POSITION": at}, "material": 0}]})
         made.record["nodes"].append({"mesh": 0})
