@@ -129,6 +129,7 @@ from .image.settings import Settings as Settings
 from .image.unfinished import RenderInterrupted as RenderInterrupted
 from .image.simulate import simulate as simulate, visible_shape as visible_shape
 from .image.render import render as render
+from .image.recipe_sheet import RecipeSheet as RecipeSheet, recipe_sheet as recipe_sheet
 from .image.film.film import Filmed as Filmed, Turn as Turn, film as film
 from .image.full_gradient import ColourGradient as ColourGradient, full_gradient as full_gradient
 from .image.ray_gradient import RayGradient as RayGradient, RayLight as RayLight

@@ -31,6 +31,7 @@ from hagoromo.app import health_verb as health_verb
 from hagoromo.app import recipes_verb as recipes_verb
 from hagoromo.app import recover_verb as recover_verb
 from hagoromo.app import spectra_verb as spectra_verb
+from hagoromo.app.build_verb import build
 from hagoromo.app.calibrations import calibrations
 from hagoromo.app.everywhere import HELP, Everywhere, everywhere, give_up_streams, printable_streams, taken
 from hagoromo.app.interrupt import exit_status, signals_as_interrupt, wait_for_kernels
@@ -46,7 +47,6 @@ from hagoromo.files.whole import (
     names_written,
     replaceable_file,
     replaceable_files,
-    replaceable_folder,
     whole_file,
     whole_folder,
 )
@@ -249,24 +249,7 @@ def measure(
     wrote(out / "report.html")
 
 
-@verb(verbs)
-def build(recipe: Positional[Path], out: Out, scheduler: Scheduler = HERE, force: Force = False) -> None:
-    """Recipe of matter (shape, micro-structure, material) → volume box, which may be larger than the memory.
-
-    The same command resumes a build that was interrupted or stopped because the disk was full.
-
-    Args:
-        recipe: matter TOML, or the name of one that comes with Hagoromo (`hagoromo recipes` lists them).
-    """
-    replaceable_folder(out, force)  # before all that builds is imported
-    from hagoromo.volume.store.box_store import look_at_box
-
-    with progress_bar("build") as progress:
-        hg.build_to(recipe, out, force, progress, scheduler.chosen)
-    say(*str(look_at_box(out)).splitlines())
-    wrote(out)
-
-
+verb(verbs)(build)
 verb(verbs, writes=picture_or_film)(render)
 
 

@@ -39,6 +39,12 @@ def content_with_named(path: str | Path, quick: bool = False) -> str:
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
 
+def content_of_texts(tables: Any, folder: Path) -> dict[str, str]:
+    """Digest of every file and folder in `folder` that a text of `tables` names, by the text."""
+    named = {text: _named(folder, text, ()) for text in texts_of(tables)}
+    return {text: _content(path, quick=False) for text, path in named.items() if path is not None}
+
+
 def named_by(path: Path, awaited: Container[Path] = ()) -> Iterator[Named]:
     """`path` itself and, of a TOML file, what its texts name and these name in turn, each once with a label of its own.
 

@@ -42,10 +42,10 @@ LOG = logging.getLogger(__name__)
 BOX = "box.zarr"  # in an entry of the cache
 
 
-def build(recipe: Mapping[str, Any] | str | Path, progress: Progress = silent) -> VolumeBox:
+def build(recipe: Mapping[str, Any] | str | Path, progress: Progress = silent, folder: Path | None = None) -> VolumeBox:
     """The volume box of a recipe: the path of a TOML file, the name of a shipped one, or its tables.
 
-    The head of this module says the keys.
+    The head of this module says the keys. folder: where the files lie that a recipe given by its tables names.
 
     Raises `InputError` that names the wrong key, or an unknown key together with the known ones.
 
@@ -56,7 +56,7 @@ def build(recipe: Mapping[str, Any] | str | Path, progress: Progress = silent) -
     >>> bool(abs(volume / 33.5 - 1) < 0.1)  # a soft edge of a voxel enlarges it
     True
     """
-    plan, where, _ = planned(recipe)
+    plan, where, _ = planned(recipe, folder)
     progress(0.0)
     LOG.info("building %s in memory", where)
     with described(where):

@@ -121,22 +121,30 @@ def kind_of(name: str) -> Kind:
     return kind
 
 
-def planned(recipe: Mapping[str, Any] | str | Path) -> tuple[BoxPlan, str, Path | None]:
-    """The plan of a recipe's box; what messages call the recipe; the folder of the files that it names."""
+def planned(recipe: Mapping[str, Any] | str | Path, folder: Path | None = None) -> tuple[BoxPlan, str, Path | None]:
+    """The plan of a recipe's box; what messages call the recipe; the folder of the files that it names.
+
+    folder: that of a recipe that is given by its tables; None: its files are named from where the program runs.
+    """
     if isinstance(recipe, (str, Path)):
         recipe = recipe_place(recipe)
         record, where, folder = read_toml(recipe), str(recipe), recipe.parent
     else:
-        record, where, folder = dict(recipe), "recipe", None
-    name = decode(record, _OfKind, where).kind
-    if name not in kind_names():
-        raise InputError(f"{where}: kind must be one of {', '.join(kind_names())}: given {name!r:.60}")
-    kind = kind_of(name)
+        record, where = dict(recipe), "recipe"
+    kind = kind_of_tables(record, where)
     table = decode(record, kind.record, where)
     element = kind.element_of(table) if kind.element_of else kind.element or "plane"
     with described(where):
         plan = kind.plan(Recipe(table, element, folder, where)).with_extinction(table.extinction)
     return plan.named(table.name, {"recipe": record}), where, folder
+
+
+def kind_of_tables(record: Mapping[str, Any], where: str) -> Kind:
+    """The kind of matter of a recipe's tables; `InputError` for one that is not installed."""
+    name = decode(record, _OfKind, where).kind
+    if name not in kind_names():
+        raise InputError(f"{where}: kind must be one of {', '.join(kind_names())}: given {name!r:.60}")
+    return kind_of(name)
 
 
 class _OfKind(ForeignRecord, frozen=True):

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from hagoromo.errors import InputError
 from hagoromo.files.whole import whole_file
+from hagoromo.image.box_camera import box_camera
 from hagoromo.image.given_scene import scene_and_settings
 from hagoromo.image.scene import Scene
 from hagoromo.image.settings import Settings
@@ -18,7 +19,7 @@ from hagoromo_page.publication.document import document
 from hagoromo_page.publication.publish import LIMIT_BYTES
 from hagoromo_page.publication.stack_lamps import stack_under
 from hagoromo_page.publication.stack_page import stack_page
-from hagoromo_page.publication.weight_stack import box_camera, framed
+from hagoromo_page.publication.weight_stack import framed
 
 LAMPS = 64  # over the hemisphere: 18° apart
 LONGEST_SIDE = 512  # px of the picture

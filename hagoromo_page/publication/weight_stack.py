@@ -21,13 +21,10 @@ from hagoromo.image.settings import Settings
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.progress import Progress, silent
-from hagoromo.volume.box import VolumeBox
 from hagoromo_page.publication.surface_maps import FLIP
 
 COPIES = 5  # of the weights that are in memory at once
 SKETCH_SIDE = 96  # px of the picture that tells where there is matter
-FIELD = 1.06  # of view of `box_camera`, sizes of the matter
-AWAY, TOWARDS = 8.0, (0.25, -1.0, 0.3)  # sizes of the matter from it to that camera, and its direction
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -110,20 +107,6 @@ def _depth(scene: Scene, settings: Settings, known: NDArray[np.bool_]) -> NDArra
         return None
     nearest: Any = distance_transform_edt(~hit, return_distances=False, return_indices=True)
     return depth[nearest[0], nearest[1]]
-
-
-def box_camera(box: VolumeBox, pixels: int) -> Camera:
-    """A square picture of the matter of `box`, seen from the front and a little from above."""
-    low, high = ((bound + 0.5) * box.voxel_size for bound in box.bricks.bounds)
-    unit = np.array([(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)])
-    corners = (low + unit * (high - low)) @ box.pose[:3, :3].T + box.pose[:3, 3]
-    middle = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
-    away = AWAY * float(np.linalg.norm(high - low))
-    straight = Camera(pixels, pixels, (1.0, 1.0), (0.5 * pixels, 0.5 * pixels))
-    straight = straight.look_at(middle + away * np.asarray(TOWARDS) / np.linalg.norm(TOWARDS), middle)
-    across = (corners - middle) @ straight.world_to_camera[:2, :3].T
-    focal = pixels * away / (FIELD * 2.0 * float(np.abs(across).max()))
-    return replace(straight, focal=(focal, focal))
 
 
 def framed(scene: Scene, pixels: int) -> Camera:

@@ -15,16 +15,16 @@ from hagoromo.files.record import read_toml
 from hagoromo.files.stores import address
 from hagoromo.files.toml_text import toml_text
 from hagoromo.files.whole import whole_file
+from hagoromo.image.box_camera import TO_KEY, box_camera
 from hagoromo.image.read_once import read_once
 from hagoromo.image.scene import Scene
 from hagoromo.image.scene_file import scene_from_tables
 from hagoromo.image.settings import Settings
 from hagoromo.volume.store.box_store import load_box
-from hagoromo_page.publication.weight_stack import box_camera
 from hagoromo_page.viewer.view_state import ViewState
 
 PICTURE_SIDE = 1024  # px of a box's picture
-BOX_LAMP = {"name": "key", "to_lamp": [-0.5, -1.0, 1.0]}
+BOX_LAMP = {"name": "key", "to_lamp": list(TO_KEY)}
 
 
 class SceneFiles:

@@ -8,12 +8,13 @@ import pytest
 
 import hagoromo as hg
 from hagoromo.app.cli import main
+from hagoromo.image.box_camera import box_camera
 from hagoromo.image.scene import Scene
 from hagoromo_page.publication.lit import hemisphere, shown
 from hagoromo_page.publication.stack_basis import STORED_ERROR, packed_stack
 from hagoromo_page.publication.stack_lamps import directions_to_add
 from hagoromo_page.publication.surface_maps import FLIP
-from hagoromo_page.publication.weight_stack import WeightStack, box_camera, framed
+from hagoromo_page.publication.weight_stack import WeightStack, framed
 from tests.app.in_browser import Opened
 
 LAMPS, SIZE, CAMERA = 12, 31, "canon_eos_300d"
