@@ -15,6 +15,7 @@ from hagoromo.files.checks import inside
 from hagoromo.files.record import read_toml
 from hagoromo.files.stores import address
 from hagoromo.files.stores import state as state_in_store
+from hagoromo.files.udim import MARK, udim_files
 
 PIECE = 1 << 20  # bytes read at a time
 Named = tuple[str, Path]
@@ -41,7 +42,7 @@ def content_with_named(path: str | Path, quick: bool = False) -> str:
 
 def content_of_texts(tables: Any, folder: Path) -> dict[str, str]:
     """Digest of every file and folder in `folder` that a text of `tables` names, by the text."""
-    named = {text: _named(folder, text, ()) for text in texts_of(tables)}
+    named = {text: _named(folder, text, ()) for text in _with_tiles(folder, texts_of(tables))}
     return {text: _content(path, quick=False) for text, path in named.items() if path is not None}
 
 
@@ -61,11 +62,20 @@ def named_by(path: Path, awaited: Container[Path] = ()) -> Iterator[Named]:
             or any(place in awaited for place in (path, *path.parents))
         ):
             continue
-        for text in sorted(set(texts_of(read_toml(path)))):
+        for text in sorted(set(_with_tiles(path.parent, texts_of(read_toml(path))))):
             named = _named(path.parent, text, awaited)
             if named is not None and named not in seen:
                 seen.add(named)
                 pending.append((f"{label}/{text}", named))
+
+
+def _with_tiles(folder: Path, texts: Iterator[str]) -> Iterator[str]:
+    """Texts, those that name tiles by UDIM as the files of these."""
+    for text in texts:
+        try:
+            yield from udim_files(folder, text).values() if MARK in text else (text,)
+        except (InputError, OSError, ValueError):
+            yield text
 
 
 def _named(folder: Path, text: str, awaited: Container[Path]) -> Path | None:

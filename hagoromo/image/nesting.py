@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from hagoromo.backend import arrays, opaque_vector
 from hagoromo.errors import InputError
-from hagoromo.image.surface import Surface, Surfaces
+from hagoromo.image.surface import Surface
+from hagoromo.image.traced_surfaces import Surfaces
 
 CLOSED_SHAPES = ("sphere", "cube")
 SAMPLES = 64  # places of a glass that must all lie within another one, or none

@@ -18,8 +18,8 @@ from hagoromo.image.origin import Origin, depth_of_matter, origin_of, scene_from
 from hagoromo.image.scene import Scene
 from hagoromo.image.scene_palette import palette_of_scene, reflectances_of
 from hagoromo.image.settings import Settings
-from hagoromo.image.surface import Surfaces
 from hagoromo.image.texture_tables import key_of_textures, surface_colours
+from hagoromo.image.traced_surfaces import Surfaces
 from hagoromo.light.lamp import by_place
 from hagoromo.transport.differentiable_medium import differentiable_attenuation
 from hagoromo.transport.film import tile_order as tile_order

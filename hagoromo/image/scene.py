@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
 from hagoromo.image.emitter_mesh import emitters_of
-from hagoromo.image.surface import Surface
+from hagoromo.image.surface import RELIEFS, Surface
 from hagoromo.light.area_lamp import AreaLamp
 from hagoromo.light.environment import Environment
 from hagoromo.light.lamp import Lamp
@@ -151,6 +151,7 @@ class Scene:
                 | ({"body_texture": s.body_texture.record()} if s.body_texture else {})
                 | ({"beta_texture": s.beta_texture.record()} if s.beta_texture else {})
                 | ({"gamma_texture": s.gamma_texture.record()} if s.gamma_texture else {})
+                | {key: one.record() for key, one in zip(RELIEFS, s.reliefs, strict=True) if one}
                 | ({"emission": s.emission.record()} if s.emission else {})
                 for s in self.surfaces
             ],

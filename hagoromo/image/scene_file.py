@@ -14,11 +14,9 @@ from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from msgspec import structs
-from numpy.typing import NDArray
 
 from hagoromo.camera.camera import LARGEST_SIDE, PRESETS, Camera
 from hagoromo.camera.formats.camera_file import read_camera
-from hagoromo.camera.pose import turned_about_axes
 from hagoromo.camera.response import Response
 from hagoromo.errors import InputError, described
 from hagoromo.files.checks import inside
@@ -43,29 +41,17 @@ from hagoromo.image.modes import Shadows
 from hagoromo.image.needed_bricks import needed_bricks
 from hagoromo.image.scene import Scene
 from hagoromo.image.scene_lights import (
-    EmissionRecord,
     SceneAreaLamp,
     SceneEnvironment,
     area_lamp_from,
-    emission_from,
     environment_from,
 )
-from hagoromo.image.scene_textures import (
-    BetaTexture,
-    BodyTexture,
-    GammaTexture,
-    beta_texture_from,
-    body_texture_from,
-    gamma_texture_from,
-)
+from hagoromo.image.scene_surface import NOWHERE, Placement, SceneSurface, pose_of, surface_from
 from hagoromo.image.settings import FINEST_SHADOWS, MOST_SAMPLES, Settings
-from hagoromo.image.surface import SHAPES, Surface
-from hagoromo.image.surface_texture import SurfaceTexture
-from hagoromo.light.spectrum import SOURCE, Spectrum
+from hagoromo.image.surface import Surface
 from hagoromo.photograph.transforms import LampRecord, SensorRecord, lamp_from_record, sensor_from_record
 from hagoromo.progress import Progress, silent
 from hagoromo.reflectance.material.material_table import MATERIAL, reflectance_from_table
-from hagoromo.transport.path.optics import KINDS
 from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.box_header import Extinction
 from hagoromo.volume.bricks import Bricks, Grid
@@ -74,7 +60,7 @@ from hagoromo.volume.store.header import EXTINCTION
 from hagoromo.volume.store.open_box import OpenBox, open_box
 
 MOST_PLACES = 10_000  # lamps, boxes or surfaces of a file
-NOWHERE = (0.0, 0.0, 0.0)
+
 LoadBox = Callable[[Path], VolumeBox]
 
 
@@ -113,14 +99,6 @@ class SceneCamera(Record, frozen=True, kw_only=True):
     name: Annotated[str | None, about("name of the camera")] = None
 
 
-class Placement(Record, frozen=True, kw_only=True):
-    """Where a thing stands: `position` and `rotation_deg`, or `pose`."""
-
-    position: Annotated[Vector | None, about("shift, world axes [m]")] = None
-    rotation_deg: Annotated[Vector | None, about("turns about x, then y, then z [°]")] = None
-    pose: Annotated[Matrix | None, about("4 × 4 by rows [m], in place of position and rotation_deg")] = None
-
-
 class SceneBox(Placement, frozen=True, kw_only=True):
     """A volume box: a file, or a recipe that is built when the scene is loaded."""
 
@@ -132,39 +110,6 @@ class SceneBox(Placement, frozen=True, kw_only=True):
         list[Annotated[dict[str, Any], MATERIAL]] | None, about("materials in place of the box's own, in their order")
     ] = None
     name: Annotated[str | None, about("name of the box")] = None
-
-
-class SceneSurface(Placement, frozen=True, kw_only=True):
-    """A surface: a shape of unit size, or a mesh."""
-
-    shape: Annotated[
-        Annotated[str, one_of(*SHAPES)] | None, about("shape of unit size, before its place and scale")
-    ] = None
-    mesh: Annotated[str | None, about("mesh file, in place of shape")] = None
-    smooth: Annotated[bool, about("whether normals of a mesh are interpolated")] = True
-    scale: Annotated[float | Vector, about("factor on the size, one number or one an axis")] = 1.0
-    reflectance: Annotated[dict[str, Any], MATERIAL, about("its reflectance")]
-    optics: Annotated[
-        Annotated[str, one_of(*KINDS[1:])] | None, about("mirror or glass in place of body and facets; mode path only")
-    ] = None
-    absorption: Annotated[
-        Any, SOURCE, about("absorption coefficient of glass [1/m]: a number, a CSV file or a table; default: clear")
-    ] = None
-    body_texture: Annotated[
-        dict[str, Any] | None,
-        like(BodyTexture),
-        about("body colour from place to place, in place of the reflectance's"),
-    ] = None
-    beta_texture: Annotated[
-        dict[str, Any] | None, like(BetaTexture), about("factor on the reflectance's beta from place to place")
-    ] = None
-    gamma_texture: Annotated[
-        dict[str, Any] | None,
-        like(GammaTexture),
-        about("half width of the facets from place to place, in place of the reflectance's gamma"),
-    ] = None
-    emission: Annotated[dict[str, Any] | None, like(EmissionRecord), about("light that its front gives off")] = None
-    name: Annotated[str, about("name of the surface")] = ""
 
 
 class RenderRecord(Record, frozen=True, kw_only=True):
@@ -271,7 +216,9 @@ def scene_from_tables(
             _camera(record.camera, folder, f"{path} [camera]"),
             tuple(lamp_from_record(one, folder, f"{path} lamp {i + 1}") for i, one in enumerate(record.lamp)),
             tuple(_box(one, folder, f"{path} box {i + 1}", read) for i, one in enumerate(record.box)),
-            tuple(_surface(one, folder, f"{path} surface {i + 1}", read) for i, one in enumerate(record.surface)),
+            tuple(
+                surface_from(one, folder, f"{path} surface {i + 1}", read.mesh) for i, one in enumerate(record.surface)
+            ),
             tuple(area_lamp_from(one, folder, f"{path} area_lamp {i + 1}") for i, one in enumerate(record.area_lamp)),
             environment_from(record.environment, folder, f"{path} [environment]"),
         )
@@ -355,7 +302,7 @@ def _box(record: dict[str, Any], folder: Path, where: str, read: Readers) -> Vol
             for i, material in enumerate(key.materials)
         ]
         box = box.with_materials(listed)
-    return box.with_pose(_pose(key, where) @ box.pose)
+    return box.with_pose(pose_of(key, where) @ box.pose)
 
 
 def _box_place(folder: Path, text: str) -> Path:
@@ -369,51 +316,6 @@ def _recipe_place(folder: Path, text: str) -> Path:
 
     place = inside(folder, text)
     return place if place.exists() else shipped_recipes().get(text, place)
-
-
-def _surface(record: dict[str, Any], folder: Path, where: str, read: Readers) -> Surface:
-    key = decode(record, SceneSurface, where)
-    if (key.shape is None) == (key.mesh is None):
-        raise InputError(f"{where}: give either shape ({', '.join(SHAPES)}) or mesh (a file)")
-    scale = key.scale if isinstance(key.scale, tuple) else (key.scale,) * 3
-    pose = _pose(key, where) @ np.diag([*scale, 1.0])
-    reflectance = reflectance_from_table(key.reflectance, folder, f"{where} reflectance")
-    further: dict[str, Any] = {
-        "optics": key.optics or "",
-        "absorption": None if key.absorption is None else Spectrum.load(key.absorption, folder),
-        "beta_texture": beta_texture_from(key.beta_texture, folder, where),
-        "emission": emission_from(key.emission, folder, where),
-    }
-    body = body_texture_from(key.body_texture, folder, where)
-    gamma = gamma_texture_from(key.gamma_texture, folder, where)
-    if isinstance(body, SurfaceTexture):
-        further["body_texture"] = body
-    if isinstance(gamma, SurfaceTexture):
-        further["gamma_texture"] = gamma
-    given = {"vertex_colours": True} if body is True else {}
-    given |= {"vertex_gamma": gamma} if isinstance(gamma, tuple) else {}
-    if key.shape is not None:
-        if given:
-            what = "body_texture" if body is True else "gamma_texture"
-            raise InputError(f"{where} {what}: a shape has no vertices: give file (an image), or a mesh")
-        return Surface(reflectance, key.shape, pose=pose, name=key.name, **further)
-    mesh = str(key.mesh)
-    made = read.mesh(
-        inside(folder, mesh), reflectance, pose=pose, smooth=key.smooth, name=key.name or Path(mesh).stem, **given
-    )
-    return replace(made, **further)
-
-
-def _pose(key: Placement, where: str) -> NDArray[np.float64]:
-    """(4, 4) of a place, without its scale."""
-    if key.pose is not None:
-        if key.position is not None or key.rotation_deg is not None:
-            raise InputError(f"{where}: pose says all: leave position and rotation_deg out")
-        return np.reshape(key.pose, (4, 4))
-    pose = np.eye(4)
-    pose[:3, :3] = turned_about_axes(key.rotation_deg or NOWHERE)
-    pose[:3, 3] = key.position or NOWHERE
-    return pose
 
 
 def _built(recipe: Path) -> VolumeBox:

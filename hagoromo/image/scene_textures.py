@@ -1,16 +1,18 @@
-"""Textures of a surface of a scene TOML: body_texture, beta_texture and gamma_texture of [[surface]]."""
+"""Textures of a surface of a scene TOML: body_texture, beta_texture, … of [[surface]].
+
+A file such as wall.<UDIM>.png is all of its tiles.
+"""
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated, Any
 
 from msgspec import Meta
 
 from hagoromo.errors import InputError, described
-from hagoromo.files.checks import inside
-from hagoromo.files.record import Record, about, decode
+from hagoromo.files.record import Record, about, decode, one_of
 from hagoromo.image.surface_texture import MOST_SPECTRA, SurfaceTexture
+from hagoromo.image.tiled_image import TextureFiles
 from hagoromo.light.spectrum import SOURCE, Spectrum
 from hagoromo.reflectance.reflectance import LARGEST_GAMMA
 
@@ -52,8 +54,29 @@ class GammaTexture(Record, frozen=True, kw_only=True):
     smooth: Annotated[bool, about("whether values between the middles of pixels are interpolated")] = True
 
 
-def body_texture_from(record: dict[str, Any] | None, folder: Path, where: str) -> SurfaceTexture | bool | None:
-    """The image of a table body_texture of a file in `folder`; True for the colours of the mesh's vertices."""
+class NormalTexture(Record, frozen=True, kw_only=True):
+    """Normals from place to place, in the tangent space of the UVs: an image of (normal + 1) / 2, linear."""
+
+    file: Annotated[str, about("image on the UVs: PNG, JPEG, TIFF, EXR or .hdr, its R, G, B linear")]
+    green: Annotated[
+        Annotated[str, one_of("opengl", "directx")],
+        about("where green points: along v, as OpenGL, Blender and glTF have it, or against v, as DirectX"),
+    ] = "opengl"
+    smooth: Annotated[bool, about("whether values between the middles of pixels are interpolated")] = True
+
+
+class BumpTexture(Record, frozen=True, kw_only=True):
+    """Heights from place to place, by which normals are turned: the first channel of an image, linear."""
+
+    file: Annotated[str, about("image on the UVs: PNG, JPEG, TIFF, EXR or .hdr, its first channel, linear")]
+    height_mm: Annotated[
+        float, about("height of the value 1 (of 8 bits: 255) over the value 0 [mm]; below 0: a depth under it")
+    ]
+    smooth: Annotated[bool, about("whether values between the middles of pixels are interpolated")] = True
+
+
+def body_texture_from(record: dict[str, Any] | None, files: TextureFiles, where: str) -> SurfaceTexture | bool | None:
+    """The image of a table body_texture of a scene file; True for the colours of the mesh's vertices."""
     if record is None:
         return None
     where = f"{where} body_texture"
@@ -67,24 +90,24 @@ def body_texture_from(record: dict[str, Any] | None, folder: Path, where: str) -
             )
         return True
     with described(where):
-        spectra = None if key.spectra is None else [Spectrum.load(one, folder) for one in key.spectra]
-        return SurfaceTexture.from_file(inside(folder, key.file), spectra, key.smooth)
+        spectra = None if key.spectra is None else [Spectrum.load(one, files.folder) for one in key.spectra]
+        return SurfaceTexture.from_file(files.place(key.file), spectra, key.smooth)
 
 
-def beta_texture_from(record: dict[str, Any] | None, folder: Path, where: str) -> SurfaceTexture | None:
-    """The image of a table beta_texture of a file in `folder`; None without one."""
+def beta_texture_from(record: dict[str, Any] | None, files: TextureFiles, where: str) -> SurfaceTexture | None:
+    """The image of a table beta_texture of a scene file; None without one."""
     if record is None:
         return None
     where = f"{where} beta_texture"
     key = decode(record, BetaTexture, where)
     with described(where):
-        return SurfaceTexture.from_file(inside(folder, key.file), smooth=key.smooth, colour=False)
+        return SurfaceTexture.from_file(files.place(key.file), smooth=key.smooth, colour=False)
 
 
 def gamma_texture_from(
-    record: dict[str, Any] | None, folder: Path, where: str
+    record: dict[str, Any] | None, files: TextureFiles, where: str
 ) -> SurfaceTexture | tuple[float, float] | None:
-    """The half widths [rad] of a table gamma_texture of a file in `folder`; its range for colours of the mesh's
+    """The half widths [rad] of a table gamma_texture of a scene file; its range for colours of the mesh's
     vertices; None without one.
     """
     if record is None:
@@ -99,4 +122,26 @@ def gamma_texture_from(
     if key.file is None:
         return key.range
     with described(where):
-        return SurfaceTexture.from_file(inside(folder, key.file), smooth=key.smooth, colour=False).between(*key.range)
+        return SurfaceTexture.from_file(files.place(key.file), smooth=key.smooth, colour=False).between(*key.range)
+
+
+def normal_texture_from(record: dict[str, Any] | None, files: TextureFiles, where: str) -> SurfaceTexture | None:
+    """The image of a table normal_texture of a scene file; None without one."""
+    if record is None:
+        return None
+    where = f"{where} normal_texture"
+    key = decode(record, NormalTexture, where)
+    with described(where):
+        return SurfaceTexture.normals_from_file(files.place(key.file), key.smooth, key.green == "directx")
+
+
+def bump_texture_from(record: dict[str, Any] | None, files: TextureFiles, where: str) -> SurfaceTexture | None:
+    """The heights [m] of a table bump_texture of a scene file; None without one."""
+    if record is None:
+        return None
+    where = f"{where} bump_texture"
+    key = decode(record, BumpTexture, where)
+    with described(where):
+        stored = SurfaceTexture.from_file(files.place(key.file), smooth=key.smooth, colour=False)
+        top = 1e-3 * abs(key.height_mm)
+        return stored.between(0.0, top) if key.height_mm >= 0.0 else stored.between(top, 0.0)

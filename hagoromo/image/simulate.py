@@ -23,7 +23,7 @@ from hagoromo.image.origin import camera_from, origin_of
 from hagoromo.image.render import render
 from hagoromo.image.scene import Scene
 from hagoromo.image.settings import Settings
-from hagoromo.image.surface import Surfaces
+from hagoromo.image.traced_surfaces import Surfaces
 from hagoromo.photograph.capture import BYTES_PER_VALUE, Capture
 from hagoromo.progress import Progress, part_of, silent
 

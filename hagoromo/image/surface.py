@@ -7,16 +7,13 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Hashable, Sequence
-from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-import drjit as dr
 import numpy as np
 
-from hagoromo.backend import Array3f, Bool, Float, UInt, arrays, lookup, mitsuba, opaque_vector, traced_scene
 from hagoromo.camera.pose import FARTHEST
 from hagoromo.errors import InputError, described
 from hagoromo.image.gloss_texture import alike, ends, widest_glosses
@@ -28,17 +25,15 @@ from hagoromo.light.spectrum import Spectrum, checked_spectrum
 from hagoromo.reflectance.parameters import PLAIN_BODY
 from hagoromo.reflectance.reflectance import LARGEST_GAMMA, SMALLEST_GAMMA, Reflectance
 from hagoromo.transport.path.optics import KINDS
-from hagoromo.transport.surface_colours import SurfaceHit
 
 SHAPES = ("sphere", "rectangle", "disk", "cylinder", "cube")  # Mitsuba's, unit size, before the pose
 ROUND_SHAPES = ("sphere", "disk", "cylinder")
 TEXTURES = ("body_texture", "beta_texture", "gamma_texture")
+RELIEFS = ("normal_texture", "bump_texture")
 FINE_ROUND, FINE_SPHERE = 512, 5  # edges around a disk or cylinder that gives off light, halvings of a ball's
-MISS_DISTANCE = 1e6  # distance of the point of a ray that hits nothing [m]: finite, and outside all boxes
 LARGEST_ROUNDING = 1e-4  # of the vertices in a file, in sizes of the mesh, beyond which there is a warning
 LARGEST_UV = 1e4  # single precision leaves a thousandth of an image there
 DETAILS = 256.0  # of a surface, along its size
-RELATIVE_SHADOW_BIAS = 2e-5  # offset of the origin of shadow rays along the normal, as a share of the surfaces' extent
 
 
 class Same:
@@ -72,6 +67,9 @@ class Surface:
     body_texture: the body colour from place to place, in place of that of the reflectance. beta_texture: a factor on
     beta, 0…1, one value a place. gamma_texture: the half width γ of the facets [rad], one value a place, in place of
     that of the reflectance, which becomes the mean where β is the same everywhere; further lobes keep theirs.
+    normal_texture: an image of normals in the tangent space of the UVs, (normal + 1) / 2, its green along v (as OpenGL
+    has it). bump_texture: an image of heights over the surface [m]. Both turn the normal by which light is reflected,
+    one on top of the other; outline, hits and shadows are those of the surface itself.
     uv: (n, 2) of the vertices of a mesh, which images need; shapes have Mitsuba's.
     emission: light that its front gives off.
 
@@ -92,6 +90,8 @@ class Surface:
     body_texture: SurfaceTexture | None = None
     beta_texture: SurfaceTexture | None = None
     gamma_texture: SurfaceTexture | None = None
+    normal_texture: SurfaceTexture | None = None
+    bump_texture: SurfaceTexture | None = None
     uv: np.ndarray | None = None
     emission: SurfaceEmission | None = None
 
@@ -145,9 +145,11 @@ class Surface:
     def _check_textures(self, who: str) -> None:
         if self.uv is not None and self.shape != "mesh":
             raise InputError(f"{who}: uv are of a mesh, and a {self.shape} has its own: leave uv out")
-        for key, texture in zip(TEXTURES, self.textures, strict=True):
+        for key, texture in zip((*TEXTURES, *RELIEFS), (*self.textures, *self.reliefs), strict=True):
             if texture is None:
                 continue
+            if key in RELIEFS:
+                _check_relief(key, texture, who)
             if self.emission is not None and self.shape in ROUND_SHAPES:
                 raise InputError(f"{who} is a {self.shape} with an emission and a {key}: give a mesh with UVs")
             if self.optics:
@@ -200,6 +202,11 @@ class Surface:
     def textures(self) -> tuple[SurfaceTexture | None, ...]:
         """Of the body, of beta and of gamma, as TEXTURES."""
         return self.body_texture, self.beta_texture, self.gamma_texture
+
+    @property
+    def reliefs(self) -> tuple[SurfaceTexture | None, ...]:
+        """Of normals and of heights, as RELIEFS."""
+        return self.normal_texture, self.bump_texture
 
     def __repr__(self) -> str:
         """The name, the shape and the reflectance's name."""
@@ -263,7 +270,9 @@ class Surface:
         """Key of its geometry: equal for two surfaces of the same arrays, shape and pose."""
         if self.emission is not None and self.shape in ROUND_SHAPES:
             return self.without_emission().figure
-        return self.shape, Same(self.vertices), Same(self.faces), self.smooth, np.asarray(self.pose, float).tobytes()
+        relief = (*map(Same, self.reliefs), Same(self.uv)) if any(self.reliefs) else ()
+        pose = np.asarray(self.pose, float).tobytes()
+        return self.shape, Same(self.vertices), Same(self.faces), self.smooth, pose, *relief
 
     @property
     def finest(self) -> float:
@@ -294,55 +303,6 @@ class Surface:
         return (low + unit * (high - low)) @ self.pose[:3, :3].T + self.pose[:3, 3]
 
 
-class Surfaces:
-    """All surfaces of a scene as Mitsuba holds them, counted from a place of their own: see `seen_from`."""
-
-    def __init__(self, surfaces: Sequence[Surface], origin: np.ndarray) -> None:
-        """`surfaces`: in the world. `origin`: (3,) [m], from which Mitsuba counts."""
-        mi, jit = mitsuba(), arrays()
-        self.origin, self.offset = origin, opaque_vector(np.zeros(3))
-        self.surfaces = tuple(surfaces)
-        shapes = [_shape(surface, origin) for surface in surfaces]
-        self.scene = traced_scene({f"s{k}": shape for k, shape in enumerate(shapes)})
-        # Mitsuba numbers its shapes anew with every scene: numbers read from memory compile no new kernel
-        numbers = [int(dr.reinterpret_array(jit.UInt, mi.ShapePtr(shape))[0]) for shape in shapes]
-        order = np.zeros(max(numbers) + 1, np.uint32)
-        order[numbers] = np.arange(len(shapes))
-        self.order = lookup(jit.UInt, order)
-        corners = np.concatenate([surface.corners() for surface in surfaces])
-        self.shadow_bias = dr.opaque(jit.Float, RELATIVE_SHADOW_BIAS * float(np.linalg.norm(np.ptp(corners, axis=0))))
-
-    def seen_from(self, origin: np.ndarray) -> Surfaces:
-        """The same surfaces for rays whose places count from `origin` (3,) [m], world."""
-        other = copy(self)
-        other.offset = opaque_vector(origin - self.origin)
-        return other
-
-    def intersect(self, origin: Array3f, direction: Array3f) -> tuple[Float, Array3f, Array3f, UInt]:
-        """First hit: distance [m] (inf: none), offset point, unit normal to the eye, surface number."""
-        hit = self.hit(origin, direction)
-        return hit.distance, hit.point, hit.normal, hit.surface
-
-    def hit(self, origin: Array3f, direction: Array3f) -> SurfaceHit:
-        """First hit of rays."""
-        mi, jit = mitsuba(), arrays()
-        hit = self.scene.ray_intersect(mi.Ray3f(mi.Point3f(origin + self.offset), mi.Vector3f(direction)))
-        flat, normal = jit.Array3f(hit.n), jit.Array3f(hit.sh_frame.n)
-        back = dr.dot(flat, direction) > 0
-        flat, normal = dr.select(back, -flat, flat), dr.select(back, -normal, normal)
-        surface = dr.gather(jit.UInt, self.order, dr.reinterpret_array(jit.UInt, hit.shape))
-        point = dr.fma(direction, dr.fmin(hit.t, MISS_DISTANCE), origin) + flat * self.shadow_bias
-        uv = jit.Array2f(hit.uv)
-        return SurfaceHit(jit.Float(hit.t), point, normal, flat, surface, ~back, jit.UInt(hit.prim_index), uv)
-
-    def visible(self, point: Array3f, to_lamp: Array3f, distance: Float) -> Bool:
-        """Whether no surface stands between points and the lamp."""
-        mi = mitsuba()
-        ray = mi.Ray3f(mi.Point3f(point + self.offset), mi.Vector3f(to_lamp))
-        ray.maxt = dr.fma(mi.Float(distance), 1.0 - 1e-5, -self.shadow_bias)
-        return ~self.scene.ray_test(ray)
-
-
 @cache
 def _fine_mesh(shape: str, mirrored: bool) -> tuple[np.ndarray, np.ndarray]:
     """Triangles of a shape, as they stand before a pose that mirrors, or not; the same arrays each time."""
@@ -350,23 +310,13 @@ def _fine_mesh(shape: str, mirrored: bool) -> tuple[np.ndarray, np.ndarray]:
     return vertices, faces[:, ::-1] if mirrored else faces
 
 
-def _shape(surface: Surface, origin: np.ndarray) -> Any:
-    mi = mitsuba()
-    place = surface.pose[:3, 3] - origin
-    surface = surface.without_emission()  # places on it are drawn from the same triangles
-    if surface.shape != "mesh":
-        pose = np.vstack([np.column_stack([surface.pose[:3, :3], place]), surface.pose[3]])
-        return mi.load_dict({"type": surface.shape, "to_world": mi.ScalarTransform4f(pose.tolist())})
-    assert surface.vertices is not None and surface.faces is not None
-    placed = surface.vertices @ surface.pose[:3, :3].T + place  # in double precision
-    mesh = mi.Mesh(surface.name or "mesh", len(placed), len(surface.faces), has_vertex_normals=surface.smooth)
-    values = mi.traverse(mesh)
-    values["vertex_positions"] = np.ascontiguousarray(placed, np.float32).ravel()
-    values["faces"] = np.ascontiguousarray(surface.faces, np.uint32).ravel()
-    if surface.smooth:
-        import trimesh
-
-        normals = trimesh.Trimesh(placed, surface.faces, process=False).vertex_normals
-        values["vertex_normals"] = np.ascontiguousarray(normals, np.float32).ravel()
-    values.update()
-    return mesh
+def _check_relief(key: str, texture: SurfaceTexture, who: str) -> None:
+    """`InputError` for an image that holds no normals, or no heights."""
+    wanted, what = (3, "three values a place, R, G, B") if key == "normal_texture" else (1, "one value a place")
+    if texture.of != "image" or texture.values.shape[-1] != wanted:
+        raise InputError(f"{who}: {key} must be an image of {what}: given {texture!r}")
+    if key == "normal_texture" and not np.median(texture.values[..., 2]) > 0.5:
+        raise InputError(
+            f"{who}: {key} has blue below 0.5 in most places: normals in the tangent space of the UVs point away from "
+            f"the surface, bake them so"
+        )

@@ -7,9 +7,10 @@ the three spectra of Mallett & Yuksel 2019, as those of environments do. Factors
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -32,15 +33,26 @@ TEXELS_AT_ONCE = 1 << 20
 BYTES_PER_NUMBER = 40.0  # while a texture is checked and brought to the device
 
 
+class ImageOfParts(Protocol):
+    """An image that several files make, see `TiledImage`."""
+
+    def read(self, read: Callable[[Path], tuple[NDArray[np.float32], bool]], /) -> tuple[NDArray[np.float32], bool]:
+        """What `_read` gives of them together."""
+        ...
+
+
+ImagePlace: TypeAlias = str | Path | ImageOfParts
+
+
 @dataclass(frozen=True, eq=False)
 class SurfaceTexture:
     """Values over a surface, 0 or more: an "image" (height, width[, k]), or of "vertices" (n[, k]) of its mesh.
 
     spectra: k of them, whose sum Σ_k value_k · spectrum_k is the body colour, in place of that of the reflectance.
     Without spectra three values are linear R, G, B, which become spectra by `upsampled`, and one is a grey; more need
-    spectra. Images lie on the UVs of the mesh, or of the shape (Mitsuba's), their first row at v = 1, and repeat
-    beyond 0…1. smooth: whether values between the middles of pixels are interpolated. `InputError` for values that are
-    negative or not finite, and for images that are too large.
+    spectra. Values that are no colours have spectra (). Images lie on the UVs of the mesh, or of the shape (Mitsuba's),
+    their first row at v = 1, and repeat beyond 0…1. smooth: whether values between the middles of pixels are
+    interpolated. `InputError` for values that are negative or not finite, and for images that are too large.
 
     >>> checker = hg.SurfaceTexture([[1.0, 0.2], [0.2, 1.0]], smooth=False)
     >>> checker.values.shape, checker.spectra[0].at([550.0]).tolist()
@@ -67,7 +79,7 @@ class SurfaceTexture:
         if spectra is None and numbers.shape[-1] == 3 and not np.ptp(numbers, axis=-1).any():
             numbers = numbers[..., :1]  # all grey
         chosen = _spectra(numbers.shape[-1], name) if spectra is None else tuple(spectra)
-        if len(chosen) != numbers.shape[-1]:
+        if chosen and len(chosen) != numbers.shape[-1]:
             raise InputError(
                 f"{name} has {numbers.shape[-1]} values a place and {len(chosen)} spectra: give one for each value"
             )
@@ -84,7 +96,11 @@ class SurfaceTexture:
 
     @classmethod
     def from_file(
-        cls, path: str | Path, spectra: Sequence[Spectrum] | None = None, smooth: bool = True, colour: bool = True
+        cls,
+        path: str | Path | ImageOfParts,
+        spectra: Sequence[Spectrum] | None = None,
+        smooth: bool = True,
+        colour: bool = True,
     ) -> SurfaceTexture:
         """The image in a PNG, JPEG, TIFF, EXR or Radiance file, whose alpha is not taken.
 
@@ -97,6 +113,21 @@ class SurfaceTexture:
         elif not colour:
             numbers = numbers[..., :1]
         return cls(numbers, spectra, smooth=smooth, name=str(path))
+
+    @classmethod
+    def normals_from_file(
+        cls, path: str | Path | ImageOfParts, smooth: bool = True, directx: bool = False
+    ) -> SurfaceTexture:
+        """An image of normals, (normal + 1) / 2 in R, G, B, linear. directx: green counts against v, and is turned.
+
+        `InputError` for a damaged file, and for one of a single channel.
+        """
+        numbers, _ = _read(path)
+        if numbers.shape[-1] != 3:
+            raise InputError(f"{path} has one channel: an image of normals has R, G and B; heights are a bump_texture")
+        if directx:
+            numbers[..., 1] = 1.0 - numbers[..., 1]
+        return cls(numbers, (), smooth=smooth, name=str(path))
 
     def between(self, first: float, last: float) -> SurfaceTexture:
         """The first value v of each place as first + (last − first) v, without spectra: half widths γ [rad], say."""
@@ -171,8 +202,10 @@ def _numbers(values: ArrayLike, of: str, name: str) -> NDArray[np.float32]:
     return numbers
 
 
-def _read(path: str | Path) -> tuple[NDArray[np.float32], bool]:
+def _read(path: ImagePlace) -> tuple[NDArray[np.float32], bool]:
     """(height, width, channels) without alpha, and whether they are encoded for displays, where they are colours."""
+    if not isinstance(path, (str, Path)):
+        return path.read(_read)
     with existing_file(path).open("rb") as file:
         start = file.read(16)
     if start.startswith(STARTS):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,7 @@ from hagoromo.image.surface import Same, Surface
 from hagoromo.image.surface_texture import SurfaceTexture
 from hagoromo.transport.palette import Palette, position_of
 from hagoromo.transport.surface_colours import SurfaceColours, TextureOfSurface
+from hagoromo.transport.surface_relief import SurfaceRelief, slopes_of, tangents_of
 
 
 def key_of_textures(surfaces: Sequence[Surface], palette: Palette) -> tuple[Hashable, ...]:
@@ -28,6 +30,26 @@ def surface_colours(surfaces: Sequence[Surface], palette: Palette) -> SurfaceCol
     widths = [_texture(s, s.gamma_texture, one) for s in surfaces]
     first = len(palette.bodies)
     return SurfaceColours(bodies, factors, widths, range(first, first + len(palette.interfaces)))
+
+
+def surface_relief(surfaces: Sequence[Surface]) -> SurfaceRelief | None:
+    """The images of normals and heights of surfaces on the device; None where there are none."""
+    if not any(any(s.reliefs) for s in surfaces):
+        return None
+    three, two = np.ones((3, 1), np.float32), np.ones((2, 1), np.float32)
+    normals = [_texture(s, s.normal_texture, three) for s in surfaces]
+    slopes: list[TextureOfSurface | None] = []
+    for s in surfaces:
+        heights = _texture(s, s.bump_texture, two)
+        slopes.append(heights and replace(heights, values=slopes_of(heights.values[..., 0])))
+    return SurfaceRelief(normals, slopes, [_tangents(s) for s in surfaces])
+
+
+def _tangents(surface: Surface) -> NDArray[np.float32] | None:
+    if surface.uv is None or surface.vertices is None or not any(surface.reliefs):
+        return None
+    assert surface.faces is not None
+    return tangents_of(surface.vertices @ surface.pose[:3, :3].T, surface.faces, surface.uv)
 
 
 def _places(surface: Surface, palette: Palette) -> list[int]:

@@ -25,7 +25,7 @@ ROW = 8  # numbers of a row
 class SurfaceHit(NamedTuple):
     """First hits of rays: distance [m] (infinity: none), offset point, unit normals to the eye (shaded, and of the
     face), number of the surface, whether its front was hit, the triangle, and UV (of a mesh: shares of the second and
-    third corner).
+    third corner). ground: the shaded normal before images of normals and heights turned it; None where none does.
     """
 
     distance: Float
@@ -36,6 +36,7 @@ class SurfaceHit(NamedTuple):
     front: Bool
     triangle: UInt
     uv: Any
+    ground: Array3f | None = None
 
 
 @dataclass(frozen=True)
@@ -193,7 +194,7 @@ def surface_element(
     across = None
     if thickness is not None:
         across = hit.flat * dr.select(materials.read(material, FAR_BODY) > 0.0, -thickness, 0.0)
-    return Element(hit.normal, material, gamma=gamma, across=across)
+    return Element(hit.normal, material, gamma=gamma, across=across, ground=hit.ground)
 
 
 def _pixels(u: Float, v: Float, width: UInt, height: UInt, smooth: Bool) -> list[tuple[UInt, Float]]:

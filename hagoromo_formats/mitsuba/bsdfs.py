@@ -61,9 +61,10 @@ class Converter:
             return None
         if kind in WRAPPERS:
             inner = [part for part in bsdf.values() if isinstance(part, Mapping) and part["type"] in ALL_KINDS]
-            if kind != "twosided":
+            made = self.surface(inner[0] if inner else None, who)
+            if kind != "twosided" and not self.relief(bsdf, made, who):
                 self.say(f"{who}: its {kind}; what it wraps stands alone")
-            return self.surface(inner[0] if inner else None, who)
+            return made
         if kind not in KINDS:
             raise InputError(
                 f"{who} has a bsdf {kind!r}, which is not read: give one of {', '.join(sorted(ALL_KINDS))}"
@@ -131,6 +132,19 @@ class Converter:
         if not (isinstance(part, Mapping) and part["type"] == "bitmap" and self.out and self.on_top is not None):
             return False
         return "to_uv" not in part and part.get("wrap_mode", "repeat") == "repeat"
+
+    def relief(self, bsdf: Table, made: dict[str, Any] | None, who: str) -> bool:
+        """Whether `made` could take the image of a normalmap or bumpmap."""
+        bitmap = next((part for part in bsdf.values() if self.is_placed(part)), None)
+        if bitmap is None or not made or made.get("optics"):
+            return False
+        values = linear_bitmap({"raw": True, **bitmap}, self.folder)
+        if bsdf["type"] == "normalmap" and values.shape[-1] == 3:
+            made["normal_texture"] = self.image(values, bitmap)
+        elif bsdf["type"] == "bumpmap":
+            height = float(bsdf.get("scale", 1.0)) * float(bitmap.get("scale", 1.0))
+            made["bump_texture"] = self.image(values[..., :1], bitmap) | {"height_mm": 1e3 * height}
+        return f"{bsdf['type'].removesuffix('map')}_texture" in made
 
     def image(self, values: Values, part: Table) -> dict[str, Any]:
         """The table of a texture whose image, of the values of a bitmap, is written."""

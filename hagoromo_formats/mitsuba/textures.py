@@ -57,6 +57,21 @@ def textures_of(surface: Surface, folder: Path, number: int) -> tuple[list[Eleme
     return elements, columns
 
 
+def in_relief(bsdf: Element, surface: Surface, folder: Path, number: int) -> Element:
+    """The BSDF of a surface within Mitsuba's for its images of normals and of heights, which are written."""
+    kinds = {"normal": ("normalmap", surface.normal_texture), "bump": ("bumpmap", surface.bump_texture)}
+    for key, (kind, texture) in kinds.items():
+        if texture is None:
+            continue
+        file = f"{key}_{number}.exr"
+        write_exr(folder / file, _channels(texture.values[::-1]))
+        filtered = "bilinear" if texture.smooth else "nearest"
+        name = "normalmap" if key == "normal" else "heights"
+        image = plugin("texture", "bitmap", name, filename=file, raw=True, filter_type=filtered)
+        bsdf = plugin("bsdf", kind, parts=[image, bsdf], use_shadowing_function=False)
+    return bsdf
+
+
 def is_coloured(texture: SurfaceTexture | None) -> bool:
     """Whether a texture has another colour than greys."""
     return texture is not None and any(np.ptp(spectrum.values) > 0.0 for spectrum in texture.spectra)

@@ -19,7 +19,7 @@ from hagoromo.image.surface import Surface
 from hagoromo.light.other_programs import MitsubaPlugin
 from hagoromo_formats.mitsuba.bsdf_numbers import NAME, numbers_of
 from hagoromo_formats.mitsuba.medium import box_shape
-from hagoromo_formats.mitsuba.textures import is_coloured, ply_of, textures_of
+from hagoromo_formats.mitsuba.textures import in_relief, is_coloured, ply_of, textures_of
 from hagoromo_formats.mitsuba.xml_text import VERSION, Element, plugin, text_of
 
 
@@ -82,6 +82,10 @@ def _lost(scene: Scene, seen: list[bool]) -> Iterator[str]:
             yield f"surface {surface.name!r}: the absorption within its glass, which is clear"
         if is_coloured(surface.body_texture):
             yield f"surface {surface.name!r}: the spectra of its body_texture: Mitsuba has its linear sRGB under D65"
+        if all(surface.reliefs):
+            yield f"surface {surface.name!r}: how its heights add to its normals: Mitsuba turns one after the other"
+        if surface.bump_texture is not None:
+            yield f"surface {surface.name!r}: slopes between pixels of its heights: Mitsuba has those of flat facets"
     if any(seen) and not all(seen):
         yield "which lights the camera sees: it sees all"
     if any(s.shape == "mesh" and s.smooth for s in scene.surfaces):
@@ -124,7 +128,8 @@ def _around_glass(surfaces: Sequence[Surface]) -> dict[int, float]:
 
 def _surface(surface: Surface, folder: Path, number: int, around: float) -> Element:
     textures, columns = textures_of(surface, folder, number)
-    parts = [_optics(surface, around) if surface.optics else _reflecting(surface, textures)]
+    bsdf = _optics(surface, around) if surface.optics else _reflecting(surface, textures)
+    parts = [in_relief(bsdf, surface, folder, number)]
     if surface.shape != "mesh":
         return plugin("shape", surface.shape, parts=parts, to_world=np.asarray(surface.pose, float))
     import trimesh

@@ -37,6 +37,7 @@ from hagoromo_formats.scenes.gltf_textures import (
     extensions_of,
     is_of_squares,
     material_of,
+    normal_texture_of,
     textured_visual,
     vertex_colours,
 )
@@ -173,6 +174,7 @@ def _surfaces(
             colours = vertex_colours(part.colours)
             look, lost = material_of(path, record, material, mesh, folder, texture_name)
             texture, largest, lost_body = body_texture_of(path, record, material, mesh, colours, folder, texture_name)
+            normals, lost_normals = normal_texture_of(path, record, material, mesh, folder, texture_name)
             if look.mapped and "vertex_colours" in (texture or {}):
                 lost.append(f"{texture_name}: its textures of gloss, as its colours are of vertices")
                 look = look._replace(roughness_map=None, specular_map=None)
@@ -180,10 +182,12 @@ def _surfaces(
                 look = look._replace(base=largest, textured=True)
             who = f"material {material.get('name') or (-1 if used is None else used)}"
             tables = surface_of(look, to, who, folder, texture_name)
+            if normals and not tables.get("optics"):
+                tables["normal_texture"] = normals
         if tables.get("optics") and texture:
             lost.append(f"{texture_name}: the texture of its mirror or glass")
             texture = None
-        made += [f"lost: {each}" for each in [*lost_body, *lost]]
+        made += [f"lost: {each}" for each in [*lost_body, *lost_normals, *lost]]
         if texture is None and not any("texture" in key for key in tables):
             mesh.visual = ColorVisuals()
         data: Any = mesh.export(file_type="ply")

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from hagoromo.files.gltf import image_bytes
 from hagoromo.files.mesh import uv_of
+from hagoromo.files.png import write_png
 from hagoromo.image.surface import Surface
 from hagoromo.image.surface_texture import SurfaceTexture
 from hagoromo.light.colour import srgb_decode, srgb_encode
@@ -24,14 +25,16 @@ from hagoromo_formats.scenes.pbr_textures import (
     channel_of,
     gloss_image,
     gloss_of_colours,
+    lost_reliefs,
     lost_textures,
+    normal_image,
     picture_of,
     uvs_of,
     written_image,
 )
 
 NEAREST, REPEAT = 9728, 10497  # a filter and a wrapping of a sampler
-OTHER_MAPS = ("normalTexture", "occlusionTexture", "emissiveTexture")
+OTHER_MAPS = ("occlusionTexture", "emissiveTexture")
 SPECULAR, IOR, GLASS = (f"KHR_materials_{name}" for name in ("specular", "ior", "transmission"))
 READ = (SPECULAR, IOR, GLASS)
 GLASS_FROM = 0.5  # transmission
@@ -71,6 +74,25 @@ def body_texture_of(
     smooth = _sampled(record, texture, name, lost)
     file, largest = written_image(_image_of(path, record, texture), factor, folder, name, path)
     return {"file": file} | ({} if smooth else {"smooth": False}), largest, lost
+
+
+def normal_texture_of(
+    path: Path, record: Mapping[str, Any], material: Mapping[str, Any], mesh: Any, folder: Path, name: str
+) -> tuple[dict[str, Any] | None, list[str]]:
+    """The table `normal_texture` of a material, None without one, and what is lost; its image is written."""
+    texture, lost = material.get("normalTexture"), list[str]()
+    if texture is None:
+        return None, lost
+    if not _on_uvs(texture, mesh):
+        return None, [f"{name}: its normalTexture, as only one on the first UVs is read"]
+    if texture.get("scale", 1.0) != 1.0:
+        lost.append(f"{name}: the scale {texture['scale']:g} of its normalTexture, which is taken as 1")
+    smooth = _sampled(record, texture, name, lost)
+    picture = picture_of(_image_of(path, record, texture), folder, name, path)
+    file = f"{name}_normal.png"
+    channels = [np.round(65535.0 * channel_of(picture, k)).astype(np.uint16) for k in range(3)]
+    write_png(folder / file, np.stack(channels, axis=-1))
+    return {"file": file} | ({} if smooth else {"smooth": False}), lost
 
 
 def material_of(
@@ -183,11 +205,14 @@ def textured_visual(
         images["baseColorTexture"] = Image.fromarray(srgb_encode(colours))
     if (image := gloss_image(look)) is not None:
         images["metallicRoughnessTexture"] = Image.fromarray(image)
-    lost = list(lost_textures(surface, look, colours))
+    uvs = uvs_of(surface, vertices)
+    if (image := normal_image(surface, uvs is not None)) is not None and (colours is None or colours.ndim == 3):
+        images["normalTexture"] = Image.fromarray(image)
+    lost = [*lost_textures(surface, look, colours), *lost_reliefs(surface, "normalTexture" in images)]
     if colours is not None and colours.ndim == 2:
         return ColorVisuals(vertex_colors=np.round(255.0 * colours).astype(np.uint8)), lost
     made = PBRMaterial(name=name, metallicFactor=0.0, **images)
-    return TextureVisuals(uvs_of(surface, vertices), made) if images else None, lost
+    return TextureVisuals(uvs, made) if images else None, lost
 
 
 def extensions_of(look: PbrMaterial, texture: Mapping[str, Any] | None) -> dict[str, Any]:

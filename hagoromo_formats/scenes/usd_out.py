@@ -22,7 +22,7 @@ from hagoromo.light.colour import srgb_encode
 from hagoromo.light.other_programs import InOtherPrograms
 from hagoromo_formats.scenes.gltf_scene import triangles_of
 from hagoromo_formats.scenes.pbr import PbrMaterial, linear, lost_gloss, normal_fresnel
-from hagoromo_formats.scenes.pbr_textures import look_of, lost_textures, uvs_of
+from hagoromo_formats.scenes.pbr_textures import look_of, lost_reliefs, lost_textures, uvs_of
 from hagoromo_formats.scenes.usd_stage import ARCHIVE
 
 APERTURE = 0.36  # tenths of a metre: a film of 36 mm
@@ -154,7 +154,7 @@ class _Writer:
     def surface(self, surface: Surface) -> None:
         vertices, faces = triangles_of(surface)
         look, colours = look_of(surface, vertices)
-        self.lost += lost_textures(surface, look, colours)
+        self.lost += [*lost_textures(surface, look, colours), *lost_reliefs(surface)]
         if any(each is not None and not each.smooth for each in surface.textures):
             self.lost.append(f"surface {surface.name!r}: pixels that are not interpolated, as programs do")
         if surface.shape in ("sphere", "cube"):

@@ -134,6 +134,30 @@ def test_textures_lie_in_mitsuba_as_here_and_come_back(tmp_path):
                 assert np.allclose(read.values / _largest(read), one.values / _largest(one), rtol=1e-5)
 
 
+def test_normals_and_heights_turn_surfaces_in_mitsuba_as_here_and_come_back(tmp_path):
+    """By `normalmap` and `bumpmap`, on a mesh whose UVs repeat and on a ball, under gloss; all orders.
+
+    Slopes of our heights are interpolated between pixels, those of Mitsuba are not: the image is a fine one.
+    """
+    x, y = np.meshgrid(2 * np.pi * (np.arange(96) + 0.5) / 96, 2 * np.pi * (np.arange(80) + 0.5) / 80)
+    slopes = np.stack([0.4 * np.sin(x + y), 0.3 * np.cos(2 * x), np.ones_like(x)], axis=-1)
+    normals = hg.SurfaceTexture(0.5 + 0.5 * slopes / np.linalg.norm(slopes, axis=-1, keepdims=True), ())
+    heights = hg.SurfaceTexture(0.02 * (1.0 + np.sin(x) * np.cos(y)))
+    uv, pose = np.array([[0, 0], [2, 0], [2, 1.5], [0, 1.5]]), np.diag([0.25, 0.25, 0.25, 1.0])
+    pose[2, 3] = 0.5
+    surfaces = (
+        hg.Surface(SILK, vertices=SHEET, faces=TWO, uv=uv, smooth=False, normal_texture=normals),
+        hg.Surface(PLASTER, "sphere", pose=pose, bump_texture=heights),
+    )
+    scene = hg.Scene(FRAME, TWO_LAMPS, surfaces=surfaces)
+    assert_same_radiance(scene, 384)
+    assert len(hm.write_mitsuba(scene, tmp_path / "there")) == 1
+    assert hm.scene_from_mitsuba(tmp_path / "there" / "scene.xml", tmp_path / "back") == []
+    sheet, ball = load_scene(tmp_path / "back" / "scene.toml")[0].surfaces
+    assert np.allclose(sheet.normal_texture.values, normals.values, atol=1e-6)
+    assert np.allclose(ball.bump_texture.values, heights.values, atol=1e-6)
+
+
 def _largest(texture):
     return 1.0 if texture is None else texture.values.max()
 

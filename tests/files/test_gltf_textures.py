@@ -162,15 +162,36 @@ def png():
     return cv2.imencode(".png", PIXELS[..., ::-1])[1].tobytes()
 
 
+def test_normals_are_written_and_come_back_and_heights_are_lost(tmp_path):
+    """normalTexture of the material, green up, in 8 bits; the scene that comes back is shaded as this one."""
+    x, y = np.meshgrid(np.linspace(-1, 1, 8), np.linspace(-1, 1, 6))
+    slopes = np.stack([0.3 * x, 0.5 * y * y, np.ones_like(x)], axis=-1)
+    normals = hg.SurfaceTexture(0.5 + 0.5 * slopes / np.linalg.norm(slopes, axis=-1, keepdims=True), ())
+    heights = hg.SurfaceTexture([[0.0, 0.1]])
+    mesh = hg.Surface(MATT, "mesh", CORNERS, FACES, uv=UV, name="mesh", smooth=False, normal_texture=normals)
+    scene = replace(textured_scene(), surfaces=(mesh,))
+    assert not any("texture" in line for line in gltf_from_scene(scene, tmp_path / "a.glb"))
+    record, _ = parts_of(tmp_path / "a.glb")
+    assert "normalTexture" in record["materials"][0]
+    assert not any("ormal" in line for line in scene_from_gltf(tmp_path / "a.glb", tmp_path / "back"))
+    (back,) = load_scene(tmp_path / "back" / "scene.toml")[0].surfaces
+    np.testing.assert_allclose(back.normal_texture.values, normals.values, atol=0.51 / 255)
+    camera = hg.Camera(16, 12, (14, 14), (8, 6)).look_at((0.5, 0.5, 1.2), (0.5, 0.5, 0.0), (0, 1, 0))
+    mine, other = (hg.render(replace(scene, camera=camera, surfaces=(one,))).linear_srgb() for one in (mesh, back))
+    np.testing.assert_allclose(other[2:-2, 3:-3], mine[2:-2, 3:-3], rtol=0.02)  # 8 bits of normals: 0.4°
+    bumpy = replace(mesh, normal_texture=None, bump_texture=heights)
+    assert "surface 'mesh': its bump_texture" in gltf_from_scene(replace(scene, surfaces=(bumpy,)), tmp_path / "b.glb")
+
+
 @pytest.mark.parametrize("where", ["file", "JSON"])
 @pytest.mark.parametrize("factor", [1.0, 0.5])
 def test_an_image_is_found_and_has_its_factor(tmp_path, where, factor):
     (tmp_path / "a b.png").write_bytes(png())
     source = {"uri": "a%20b.png"} if where == "file" else {"uri": address(png())}
-    more = {"normalTexture": {"index": 0}}
+    more = {"occlusionTexture": {"index": 0}}
     made = scene_from_gltf(gltf(tmp_path, source, (factor, 1.0, 1.0, 1.0), more), tmp_path / "scene")
     assert made[2:] == [
-        "lost: texture_1: its normalTexture",
+        "lost: texture_1: its occlusionTexture",
         "lost: material 0: its metal (1), of which the colour is the body's",
     ]
     texture = load_scene(tmp_path / "scene" / "scene.toml")[0].surfaces[0].body_texture

@@ -38,7 +38,8 @@ class SurfaceLight:
         self, point: Array3f, element: Element, coefficients: list[Float], to_eye: Array3f, there: Bool
     ) -> list[Float]:
         """Radiance of every channel that the surface sends to the eye; 0 where it is not `there`."""
-        patch = self.lit.patches.at(point, element.axis, there)
+        normal = element.axis if element.ground is None else element.ground
+        patch = self.lit.patches.at(point, normal, there)
         light = self.lit.again(element, coefficients, to_eye, patch, self.light)
         return [dr.select(patch.there, each, 0.0) for each in light]
 

@@ -189,7 +189,8 @@ class Links:
         evaluate(self.towards, self.point, hit, self.element, self.passed)
         if lit.surface_colours is not None:
             dr.eval(self.coefficients)
-        self.patch: Patch = lit.patches.at(hit.point, hit.normal, self.there)
+        normal = hit.normal if hit.ground is None else hit.ground
+        self.patch: Patch = lit.patches.at(hit.point, normal, self.there)
 
     def direct(self) -> Numbers:
         """Incident light that surfaces send on of the light of the lamps."""
