@@ -39,6 +39,7 @@ def render(
     camera_orbit: int | None = None,
     lamp_orbit: int | None = None,
     fps: float | None = None,
+    times: int | None = None,
     display: str | None = None,
     scheduler: Scheduler = HERE,
     force: Force = False,
@@ -68,6 +69,8 @@ def render(
         camera_orbit: a film of so many frames in which the camera goes once round the matter.
         lamp_orbit: a film of so many frames in which the lamps go once round the matter.
         fps: frames a second of a film (default: the scene's, or 24).
+        times: mean of pictures at so many times while the shutter ([motion] shutter_close) is open, in any mode
+            (default: mode path follows what moves, walk by walk).
         display: what the PNG is made for: sRGB (default), Display P3, or a view of ACES, such as
             "ACES 2.0 - SDR 100 nits (Rec.709)".
     """
@@ -76,10 +79,10 @@ def render(
     choices |= {"error": error, "seconds": time, "walks": walks}
     stated: dict[str, Any] = {key: value for key, value in choices.items() if value is not None}
     if is_film(out, turn):
-        if resume or layers or denoise or separate_lamps or display:
+        if resume or layers or denoise or separate_lamps or display or times is not None:
             raise InputError(
-                "a film goes on by itself and has no layers: leave --resume, --layers, --denoise, --separate-lamps and "
-                "--display out"
+                "a film goes on by itself and has no layers: leave --resume, --layers, --denoise, --separate-lamps, "
+                "--times and --display out"
             )
         return write_film_of(scene, out, stated, turn, fps, scheduler.chosen, force, mode)
     from hagoromo.image.shown import DisplayTransform
@@ -91,6 +94,7 @@ def render(
     DisplayTransform(display)  # refuses what there is not before the work
     unfinished = _unfinished(out) if resume else None
     replaceable_files(with_picture(out).files, force or resume)
+    from hagoromo.image.render import motion_with_shutter
     from hagoromo.image.scene_file import camera_and_settings
 
     camera, settings = camera_and_settings(scene)
@@ -100,9 +104,9 @@ def render(
     try:
         with progress_bar("render") as progress:
             given, rest = scene, progress
-            if scheduler.chosen is None and mode == "march":
+            if scheduler.chosen is None and mode == "march" and motion_with_shutter(scene) is None and times is None:
                 given, rest = _loaded(scene, settings, progress)
-            image = hg.render(given, settings, rest, scheduler.chosen, mode, unfinished, layers or denoise)
+            image = hg.render(given, settings, rest, scheduler.chosen, mode, unfinished, layers or denoise, times)
     except hg.RenderInterrupted as interrupt:
         interrupt.image.save(out, camera.response, force or resume, display=display)
         raise KeyboardInterrupt(f"{interrupt}, {out} is the picture so far: --resume goes on with it") from interrupt

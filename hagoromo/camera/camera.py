@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, TypeAlias
 
 import drjit as dr
 import numpy as np
@@ -33,6 +33,8 @@ PRESETS = ("canon_eos_kiss_digital",)
 # corner. Single precision, in which pictures and maps of points are, still has 1/16,000 of a side there.
 ORTHOGRAPHIC_FOCAL = 1000.0
 UP_AND_BACK = np.diag([1.0, -1.0, -1.0, 1.0])  # world axes x right, y up, z to the camera → the camera's
+
+Axes: TypeAlias = tuple[Any, Any, Any, Any]  # Array3f
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,21 +207,28 @@ class Camera:
         x, y = np.meshgrid(np.arange(self.width) + 0.5, np.arange(self.height) + 0.5)
         return self.unproject(np.stack([x, y], axis=-1))
 
-    def rays(self, x: Any, y: Any, ahead: float = 0.0, lens: tuple[Any, Any] | None = None) -> tuple[Any, Any]:
+    def rays(
+        self, x: Any, y: Any, ahead: float = 0.0, lens: tuple[Any, Any] | None = None, axes: Axes | None = None
+    ) -> tuple[Any, Any]:
         """Origin [m] and unit direction (Dr.Jit Array3f, world axes) of the rays through image points (x, y) [px].
 
         x, y: Dr.Jit Float. The camera's figures enter as data, so a camera that moves compiles no new kernel.
         ahead: depth of the plane that the rays begin on [m]; from a camera far away, places near that plane are exact.
         lens: two numbers each in [0, 1), the place on the lens of a camera with an aperture; None: its middle.
+        axes: of a camera that moves, in place of its pose: right, down and forward of each ray, and where those through
+        the middle begin.
         """
         jit = backend.arrays()
         (ax, ay), (x0, y0) = (_opaque(self.focal), _opaque(self.principal))
         x, y = (x - x0) / ax, (y - y0) / ay
         if any(self.distortion):
             x, y = undistort(x, y, Lens(*_opaque(lens_from_coefficients(self.distortion))))
-        right, down, forward = (jit.Array3f(*_opaque(row)) for row in self.world_to_camera[:3, :3])
+        if axes is None:
+            right, down, forward = (jit.Array3f(*_opaque(row)) for row in self.world_to_camera[:3, :3])
+            begin = jit.Array3f(*_opaque(self.position + ahead * self.world_to_camera[2, :3]))
+        else:
+            right, down, forward, begin = axes
         aside = x * right + y * down
-        begin = jit.Array3f(*_opaque(self.position + ahead * self.world_to_camera[2, :3]))
         (depth,) = _opaque([ahead])
         if self.aperture > 0.0 and lens is not None:
             radius, per_focus = _opaque([0.5 * self.aperture, 1.0 / self.focus])

@@ -19,7 +19,7 @@ from hagoromo.backend import arrays, opaque_vector
 from hagoromo.image.image import Image
 from hagoromo.image.path_picture import walks_of
 from hagoromo.image.prepared_scene import PreparedScene
-from hagoromo.image.scene import Scene
+from hagoromo.image.scene import Scene, check_still
 from hagoromo.image.scene_palette import palette_of_scene, reflectances_of
 from hagoromo.image.settings import Settings
 from hagoromo.transport.path.bands import Bands
@@ -61,7 +61,11 @@ def layers_of(scene: Scene, settings: Settings, look: LookAt | None = None) -> d
 
 
 def with_layers(image: Image, scene: Scene, settings: Settings, look: LookAt | None = None) -> Image:
-    """A picture of a scene with the layers of what it shows. look: who looks; default: this process."""
+    """A picture of a scene with the layers of what it shows. look: who looks; default: this process.
+
+    `InputError` for a scene that moves while the shutter is open.
+    """
+    check_still(scene, "a layer")
     record = image.metadata | {"materials": names_of_materials(scene)}
     return replace(image, layers=layers_of(scene, settings, look), metadata=record)
 

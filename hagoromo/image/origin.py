@@ -53,6 +53,7 @@ def scene_from(scene: Scene, origin: Origin) -> Scene:
         area_lamps=tuple(lamp.moved(-origin) for lamp in scene.area_lamps),
         boxes=tuple(box.with_pose(_pose(box.pose, origin)) for box in scene.boxes),
         surfaces=tuple(replace(surface, pose=_pose(surface.pose, origin)) for surface in scene.surfaces),
+        moving=scene.moving and scene.moving.moved(-origin),
     )
 
 
@@ -70,6 +71,9 @@ def depth_of_matter(scene: Scene) -> float:
     corners = np.concatenate([*lights, *(thing.corners() for thing in (*scene.boxes, *scene.surfaces))])
     depth = corners @ scene.camera.world_to_camera[2, :3] + scene.camera.world_to_camera[2, 3]
     nearest, size = float(depth.min()), float(np.linalg.norm(np.ptp(corners, axis=0)))
+    if scene.moving is not None:
+        still = [*lights, *(surface.corners() for surface in scene.surfaces)]
+        nearest = scene.moving.depth_of(scene.boxes, np.concatenate([np.zeros((0, 3)), *still]))
     return nearest if nearest > FAR * size else 0.0
 
 

@@ -18,6 +18,7 @@ from hagoromo.errors import InputError
 from hagoromo.image.higher_orders import albedos_of, check_matter, warn_of_few_bands
 from hagoromo.image.image import Image
 from hagoromo.image.lamp_batches import Batch, lamp_batches, under_batches
+from hagoromo.image.moving import MovingCamera, instants
 from hagoromo.image.nesting import Glass
 from hagoromo.image.origin import scene_from
 from hagoromo.image.prepared_scene import PreparedScene, SceneCache, gamma_rows_of
@@ -44,6 +45,7 @@ NUMBERS = 1 << 26  # 256 MiB
 ALL_ORDERS = 1 << 16  # events after which a walk ends
 FIRST_LOOK = 64  # walks that are tried before all others
 ENDLESS = 0.5  # share of walks with ALL_ORDERS events above which a picture is refused
+NO_SAMPLE = (1 << 32) - 1  # number of no walk: its random numbers are of the pixel
 LONG = 64.0  # events of a walk above which fewer are launched at once
 
 
@@ -206,6 +208,8 @@ class WalkStream:
     def __init__(self, scene: Scene, settings: Settings, cache: SceneCache, bands: Bands, number: int) -> None:
         self.prepared = PreparedScene(scene, replace(settings, shadows="none"), cache, together=False)
         self.walks, self.settings, self.batch = walks_of(scene, self.prepared, bands), settings, number
+        moving = scene.moving and scene.moving.moved(-self.prepared.origin)
+        self.moving = MovingCamera(moving, self.prepared.ahead) if moving else None
 
     def add(
         self, sums: PixelSums, rows: NDArray[np.int64], pixels: NDArray[np.int64], counts: NDArray[np.int64]
@@ -225,8 +229,13 @@ class WalkStream:
         x = jit.Float(pixel % width) + random.next_float32()
         y = jit.Float(pixel // width) + random.next_float32()
         lens = (random.next_float32(), random.next_float32()) if camera.aperture > 0.0 else None
-        origin, direction = camera.rays(x, y, self.prepared.ahead, lens)
+        instant = axes = None
+        if self.moving is not None:
+            start = random_numbers(pixel, dr.opaque(jit.UInt, NO_SAMPLE), self.settings.seed).next_float32()
+            instant = instants(sample, start, self.moving.count)
+            axes = self.moving.axes(instant)
+        origin, direction = camera.rays(x, y, self.prepared.ahead, lens, axes)
         most = dr.opaque(jit.UInt, self.settings.orders or ALL_ORDERS)
-        walks = light_of_walks(self.walks, origin, direction, random, most)
+        walks = light_of_walks(self.walks, origin, direction, random, most, instant)
         dr.eval(walks.light, walks.events)
         return walks

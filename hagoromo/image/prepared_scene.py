@@ -195,6 +195,8 @@ def _medium(scene: Scene, settings: Settings, cache: SceneCache, kind: type[Medi
     if not scene.boxes:
         return None
     boxes, _ = shadow_casters(scene, settings)
+    if scene.moving is not None:
+        return Medium(scene.boxes, settings.tolerance, scene.moving.boxes)
     return cache.get("medium", (kind, *boxes), lambda: kind(scene.boxes, settings.tolerance))
 
 

@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from hagoromo.errors import InputError
+from hagoromo.files.record import read_toml
 from hagoromo.image.image import Image
 from hagoromo.image.march_picture import picture
 from hagoromo.image.modes import Mode
 from hagoromo.image.prepared_scene import SceneCache
-from hagoromo.image.scene import Scene
+from hagoromo.image.scene import Scene, check_still
 from hagoromo.image.settings import Settings, check_mode
 from hagoromo.progress import LOADING, Progress, part_of, silent
 from hagoromo.transport.film import pixel_points
 from hagoromo.transport.film import tile_order as tile_order
+
+if TYPE_CHECKING:
+    from hagoromo.image.film.motion import Motion
 
 
 def render(
@@ -24,6 +29,7 @@ def render(
     mode: Mode = "march",
     unfinished: Image | None = None,
     layers: bool = False,
+    times: int | None = None,
 ) -> Image:
     """The image that the scene's camera would see, as weights.
 
@@ -37,6 +43,8 @@ def render(
     `RenderInterrupted`, a `KeyboardInterrupt`, with the picture so far.
     unfinished: such a picture, to go on from to the bits of an uninterrupted run; mode path only.
     layers: whether the image has depth, normals, albedo and materials, too, see `Image.layers`.
+    times: of a scene file with a shutter, the mean of so many pictures while it is open, in any mode; None: mode path
+    follows what moves, walk by walk, and other modes refuse it.
 
     A matte ball under a far lamp behind the camera: its middle reflects E α = 2 · 0.25 of the lamp's spectrum.
 
@@ -50,10 +58,22 @@ def render(
     check_mode(settings or Settings(), mode)
     if unfinished is not None and mode != "path":
         raise InputError(f"mode is {mode!r}: only pictures of mode path are resumed")
+    motion = None if isinstance(scene, Scene) else motion_with_shutter(scene)
+    if times is not None or motion is not None:
+        _check_shutter(scene, mode, scheduler, unfinished, layers, times)
     if scheduler is not None:
         from hagoromo.image.render_tiles import render_on  # Dask is an extra
 
         return render_on(scheduler, scene, settings, progress, mode, unfinished, layers)
+    if times is not None and not isinstance(scene, Scene):
+        from hagoromo.image.film.shutter import mean_over_times
+
+        return mean_over_times(scene, settings, times, mode, progress)
+    if motion is not None and not isinstance(scene, Scene):
+        from hagoromo.image.film.shutter import scene_with_shutter
+
+        scene, stated = scene_with_shutter(scene, motion, progress)
+        settings = settings or stated
     if not isinstance(scene, Scene):
         # only a file needs the readers of boxes and cameras; light of higher orders comes from all of a box
         from hagoromo.image.scene_file import load_for_picture, load_scene
@@ -70,6 +90,37 @@ def render(
     return with_layers(image, scene, settings)
 
 
+def motion_with_shutter(path: str | Path) -> Motion | None:
+    """The motion of a scene file whose shutter is open for some time; None of another one."""
+    if "shutter_close" not in read_toml(path).get("motion", {}):
+        return None
+    from hagoromo.image.film.motion import read_motion
+
+    motion = read_motion(path)
+    return motion if motion.shutter else None
+
+
+def _check_shutter(
+    scene: Scene | str | Path,
+    mode: Mode,
+    scheduler: str | int | None,
+    unfinished: Image | None,
+    layers: bool,
+    times: int | None,
+) -> None:
+    """`InputError` for what a picture of a scene that moves cannot have."""
+    if isinstance(scene, Scene):
+        raise InputError("times are those of a scene file with a shutter: give its path")
+    if mode != "path" and times is None:
+        raise InputError(
+            f"{scene} has a shutter, and mode {mode} shows single instants: render by mode path, or the mean of "
+            f"pictures at several times (--times 16)"
+        )
+    if scheduler is not None or layers or (unfinished is not None and times is not None):
+        what = "workers" if scheduler is not None else "layers" if layers else "an unfinished picture of several times"
+        raise InputError(f"{scene} has a shutter: pictures of what moves have no {what}: leave that out")
+
+
 def picture_of_mode(
     mode: Mode,
     scene: Scene,
@@ -83,6 +134,7 @@ def picture_of_mode(
         from hagoromo.image.path_picture import path_picture  # the march does without
 
         return path_picture(scene, settings, progress, unfinished, cache)
+    check_still(scene, f"mode {mode}")
     points = pixel_points(settings.samples, settings.seed)
     if mode == "full":
         from hagoromo.image.full_picture import full_picture

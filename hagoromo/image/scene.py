@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
 from hagoromo.image.emitter_mesh import emitters_of
+from hagoromo.image.moving import Moving
 from hagoromo.image.surface import RELIEFS, Surface
 from hagoromo.light.area_lamp import AreaLamp
 from hagoromo.light.environment import Environment
@@ -28,7 +29,8 @@ PLACE_ERROR = 1e-3  # largest error of places in double precision, in voxels or 
 class Scene:
     """What is photographed, by which camera, under which lamps.
 
-    area_lamps: lamps with a size. environment: light from all around, where there is any.
+    area_lamps: lamps with a size. environment: light from all around, where there is any. moving: how camera and boxes
+    move while the shutter is open, for mode path; None: all stands still.
     Raises `InputError` for a scene without lamps or matter, or a camera that sees nothing.
 
     >>> camera = hg.Camera(64, 48, (90, 90), (32, 24)).look_at(eye=(0, -1, 0.2), target=(0, 0, 0))
@@ -44,6 +46,7 @@ class Scene:
     surfaces: tuple[Surface, ...] = ()
     area_lamps: tuple[AreaLamp, ...] = ()
     environment: Environment | None = None
+    moving: Moving | None = None
 
     def __post_init__(self) -> None:
         for key in ("lamps", "boxes", "surfaces", "area_lamps"):
@@ -54,6 +57,8 @@ class Scene:
             raise InputError("the scene is empty: give at least one volume box or surface")
         for thing in (*self.boxes, *self.surfaces):
             _check_place(thing)
+        if self.moving is not None and self.moving.boxes.shape[1] != len(self.boxes):
+            raise InputError(f"{self.moving.boxes.shape[1]} boxes move, and the scene has {len(self.boxes)}: give all")
         if not any(_in_view(self.camera, thing.corners()) for thing in (*self.boxes, *self.surfaces)):
             where = np.round(self.camera.position, 4).tolist()
             raise InputError(f"the camera at {where} m looks at nothing: turn it towards the scene")
@@ -65,8 +70,10 @@ class Scene:
         return f"Scene(camera of {size}, {counts})"
 
     def with_camera(self, camera: Camera) -> Scene:
-        """The same scene through another camera."""
-        return replace(self, camera=camera)
+        """The same scene through another camera, which stands still unless it stands where this one does."""
+        if self.moving is None or np.array_equal(camera.world_to_camera, self.camera.world_to_camera):
+            return replace(self, camera=camera)
+        return replace(self, camera=camera, moving=self.moving.seen_by(camera))
 
     def with_lamps(self, *lamps: Lamp) -> Scene:
         """The same scene under other lamps, and no other light."""
@@ -135,6 +142,7 @@ class Scene:
             "lamps": [record_from_lamp(lamp) for lamp in self.lamps],
             **({"area_lamps": [lamp.record() for lamp in self.area_lamps]} if self.area_lamps else {}),
             **({"environment": self.environment.record()} if self.environment else {}),
+            **({"moving": {"instants": len(self.moving.cameras)}} if self.moving else {}),
             "boxes": [
                 {
                     "name": box.name, "voxels": list(box.bricks.shape[::-1]), "voxel_size": box.voxel_size,
@@ -165,6 +173,15 @@ def check_no_optics(scene: Scene) -> None:
             raise InputError(
                 f"surface {surface.name!r} is {surface.optics}: only mode path follows it: use --mode path"
             )
+
+
+def check_still(scene: Scene, what: str) -> None:
+    """`InputError` for a scene that moves while the shutter is open. what: is asked for, and shows one instant."""
+    if scene.moving is not None:
+        raise InputError(
+            f"the scene moves while the shutter is open, and {what} shows one instant: render by mode path, "
+            f"or the mean of pictures at several times (--times 16)"
+        )
 
 
 def check_lamps_outside(scene: Scene) -> None:

@@ -31,7 +31,7 @@ from hagoromo.transport.chart import SurfacePoint, surface_frame, surface_point_
 from hagoromo.transport.crossing import LAST_IN_CELL, Cone, Crossing, MarchInterval, MarchState, Ray
 from hagoromo.transport.element_kinds import Kinds
 from hagoromo.transport.flakes import flakes_of
-from hagoromo.transport.frames import DEFAULT_TOLERANCE, BoxFrame, Frames
+from hagoromo.transport.frames import DEFAULT_TOLERANCE, BoxFrame, Frames, Poses
 from hagoromo.transport.sample import Element, TexelHit
 from hagoromo.transport.textures import SeenAlong
 from hagoromo.volume.box import VolumeBox
@@ -64,7 +64,10 @@ class Medium:
 
     differentiable = False  # see `DifferentiableMedium`
 
-    def __init__(self, boxes: Sequence[VolumeBox], tolerance: float = DEFAULT_TOLERANCE) -> None:
+    def __init__(
+        self, boxes: Sequence[VolumeBox], tolerance: float = DEFAULT_TOLERANCE, poses: Poses | None = None
+    ) -> None:
+        """poses: of boxes that move, see `Frames`."""
         jit, self.boxes = arrays(), tuple(boxes)
         for name in ("density", "axis", "colour", "material", "chart"):
             in_one_pool([grid for box in self.boxes if (grid := getattr(box.bricks, name)) is not None])
@@ -79,7 +82,7 @@ class Medium:
         self.first_material = lookup(jit.UInt, counts[:-1].astype(np.uint32))
         self.kinds = Kinds(self.boxes)
         starts = [first[bricks.index(box.bricks)] for box in self.boxes]
-        self.frames = Frames(self.boxes, starts, tolerance)
+        self.frames = Frames(self.boxes, starts, tolerance, poses)
         self.textures, self.flakes = self.frames.textures, flakes_of(boxes)
         shadow_biases = np.array([box.shadow_bias for box in self.boxes], np.float32)
         self.shadow_biases = lookup(jit.Float, shadow_biases) if shadow_biases.any() else None

@@ -25,6 +25,7 @@ from hagoromo.files.record import is_number, read_json_table, write_json, writte
 from hagoromo.files.resumable import resumable_folder
 from hagoromo.files.whole import replaceable_file, tidied, whole_file, write_bytes
 from hagoromo.image.film.motion import Tables, read_motion, turned
+from hagoromo.image.film.shutter import moving_at
 from hagoromo.image.image import Image, auto_exposure
 from hagoromo.image.modes import Mode
 from hagoromo.image.prepared_scene import SceneCache
@@ -142,6 +143,10 @@ def _ordered(
     if not 1.0 <= rate <= 240.0:
         raise InputError(f"a film of {rate:g} frames a second: give 1 to 240")
     count = turn.frames if turn is not None else round(motion.seconds * rate)
+    if motion.shutter is not None and turn is not None:
+        raise InputError(f"{path} has a shutter, and a turn shows single instants: leave shutter_close out")
+    if motion.shutter is not None and mode != "path":
+        raise InputError(f"{path} has a shutter, and mode {mode} shows single instants: film it by mode path")
     if turn is None and not motion.seconds:
         raise InputError(f"{path} does not move: give it a table [motion], or ask for a turn (--turntable 120)")
     if not 1 <= count <= MOST_FRAMES:
@@ -229,8 +234,10 @@ def frame_tables(order: FilmOrder, number: int) -> Tables:
 
 
 def _frame(order: FilmOrder, number: int) -> tuple[Scene, Settings, SceneCache]:
-    reel = _reel(order)
-    scene, stated = scene_from_tables(frame_tables(order, number), reel.folder, order.path, reel.read)
+    reel, tables = _reel(order), frame_tables(order, number)
+    scene, stated = scene_from_tables(tables, reel.folder, order.path, reel.read)
+    if order.turn is None:
+        scene = replace(scene, moving=moving_at(reel.motion, number / order.rate, tables, scene))
     return scene, order.settings or stated, reel.cache
 
 

@@ -29,7 +29,10 @@ Key = TypeVar("Key", CameraKey, LampKey, BoxKey)
 
 
 class Motion:
-    """The keyframes of the tables of a scene, checked. seconds: length of the film. rate: frames a second."""
+    """The keyframes of the tables of a scene, checked. seconds: length of the film. rate: frames a second.
+
+    shutter: when it opens and closes, from the time of a picture [s]; None: pictures are of one instant.
+    """
 
     def __init__(self, tables: Tables, folder: Path, where: str) -> None:
         """The file lies in `folder`; `where` names it in messages. `InputError` for keyframes of what is not there."""
@@ -37,6 +40,11 @@ class Motion:
         decode(tables, SceneRecord, where)
         record = decode(tables.get("motion", {}), MotionRecord, f"{where} [motion]")
         self.between, self.rate = record.between, record.frames_per_second
+        self.shutter: tuple[float, float] | None = None
+        if record.shutter_close is not None and record.shutter_close != record.shutter_open:
+            self.shutter = record.shutter_open, record.shutter_close
+            if not record.shutter_open < record.shutter_close:
+                raise InputError(f"{where} [motion]: shutter_close is before shutter_open: give a later time")
         self.camera = [
             decode(key, CameraKey, f"{where} [motion] camera {k + 1}") for k, key in enumerate(record.camera)
         ]
@@ -68,6 +76,11 @@ class Motion:
                     }
                 tables[what] = things
         return tables
+
+    def times(self, count: int) -> NDArray[np.float64]:
+        """The middles of `count` parts of the time that the shutter is open, from that of a picture [s]."""
+        first, last = self.shutter or (0.0, 0.0)
+        return first + (np.arange(count) + 0.5) / count * (last - first)
 
     def _of_things(self, records: Sequence[Any], kind: type[Key], what: str) -> dict[int, list[Key]]:
         """Keyframes of lamps or boxes, by the number of the thing."""

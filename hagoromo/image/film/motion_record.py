@@ -45,6 +45,12 @@ class MotionRecord(Record, frozen=True, kw_only=True):
 
     seconds: Annotated[Positive | None, about("length of the film [s]; default: to the last keyframe")] = None
     frames_per_second: Annotated[float, about("frames a second, 1…240")] = RATE
+    shutter_open: Annotated[
+        float, about("when the shutter opens, from the time of a picture [s]; 0 of a picture that is no film's")
+    ] = 0.0
+    shutter_close: Annotated[
+        float | None, about("when it closes [s]; default: at once. What moves meanwhile is blurred, in mode path")
+    ] = None
     between: Annotated[
         str, one_of("smooth", "linear"), about("how values go from one keyframe to the next, never beyond both")
     ] = "smooth"

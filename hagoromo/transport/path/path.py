@@ -103,6 +103,11 @@ class Walks:
         """Throughput below which a walk goes on by chance."""
         return FAINT if self.lights is None and self.optics is None else FAINT_TO_LIGHTS
 
+    def is_at(self, instant: UInt | None) -> None:
+        """Have boxes that move stand where they are at an instant of each walk."""
+        if self.matter is not None:
+            self.matter.medium.frames.instant = instant
+
     def event(self, origin: Array3f, direction: Array3f, random: Random) -> tuple[Event, Random]:
         """The next event along rays."""
         jit, materials = arrays(), self.lighting.materials
@@ -327,18 +332,20 @@ class Queue:
     A plain object: loops do not take its values into their state.
     """
 
-    def __init__(self, origin: Array3f, direction: Array3f, random: Random, channels: int) -> None:
-        """One walk for each ray. channels: numbers that a walk brings."""
+    def __init__(
+        self, origin: Array3f, direction: Array3f, random: Random, channels: int, instant: UInt | None = None
+    ) -> None:
+        """One walk for each ray. channels: numbers that a walk brings. instant: of boxes that move, see `Frames`."""
         jit = arrays()
         self.count, self.channels = dr.width(direction), channels
         nothing = dr.zeros(jit.Float, self.count)
         self.rays = [value + nothing for vector in (origin, direction) for value in vector]
-        self.random, self.size = random, dr.opaque(jit.UInt, self.count)
+        self.random, self.size, self.instant = random, dr.opaque(jit.UInt, self.count), instant
         few = dr.backend_v(jit.Float) == dr.JitBackend.LLVM
         self.lanes = min(self.count, LANES) if few else self.count
         self.taken = dr.full(jit.UInt, self.lanes, 1)  # walks that have a lane or had one
         self.light, self.events = dr.zeros(jit.Float, self.count * channels), dr.zeros(jit.UInt, self.count)
-        dr.eval(self.rays, self.random, self.taken, self.light, self.events)
+        dr.eval(self.rays, self.random, self.taken, self.light, self.events, self.instant)
 
     def next(self) -> UInt:
         """A further walk, `size` or more where none is left."""
@@ -351,6 +358,10 @@ class Queue:
         x, y, z, *way = (dr.gather(jit.Float, value, walk, there) for value in self.rays)
         return jit.Array3f(x, y, z), jit.Array3f(*way), dr.gather(jit.PCG32, self.random, walk, there)
 
+    def instant_of(self, walk: UInt) -> UInt | None:
+        """The instant of a walk; None where nothing moves."""
+        return None if self.instant is None else dr.gather(arrays().UInt, self.instant, walk, walk < self.size)
+
     def end(self, walk: UInt, channels: list[Float], events: UInt) -> None:
         """Keep what a walk has brought."""
         for k, channel in enumerate(channels):
@@ -358,20 +369,31 @@ class Queue:
         dr.scatter(self.events, events, walk)
 
 
-@dr.syntax
-def light_of_walks(walks: Walks, origin: Array3f, direction: Array3f, random: Random, most: UInt) -> Queue:
+def light_of_walks(
+    walks: Walks, origin: Array3f, direction: Array3f, random: Random, most: UInt, instant: UInt | None = None
+) -> Queue:
     """One walk along each ray, and what came of it: weights of the radiance towards the origin, see `Walks.channels`.
 
-    most: number of events of a walk, after which it ends.
+    most: number of events of a walk, after which it ends. instant: of each walk, where boxes move, see `Frames`.
     """
+    queue = Queue(origin, direction, random, walks.channels, instant)
+    try:
+        return walked_to_the_end(walks, queue, most)
+    finally:
+        walks.is_at(None)
+
+
+@dr.syntax
+def walked_to_the_end(walks: Walks, queue: Queue, most: UInt) -> Queue:
+    """All walks of a queue, see `light_of_walks`."""
     jit = arrays()
-    queue = Queue(origin, direction, random, walks.channels)
     colours = walks.colours if walks.lights is not None else 0
     walk = dr.arange(jit.UInt, queue.lanes)
     alive = walk < queue.size
     origin, direction, random = queue.start(walk)
     channels, carried, events, glass, onwards = fresh(walks, queue.lanes, colours)
     while alive:
+        walks.is_at(queue.instant_of(walk))
         event, random = walks.event(origin, direction, random)
         to_eye = -direction
         if dr.hint(walks.lights is not None, mode="scalar"):

@@ -1,0 +1,87 @@
+"""Moving: where the camera and the boxes of a scene are while the shutter is open. Walks of mode path draw an instant.
+
+Instants are spread evenly over that time; a walk has all things as they are at one of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import drjit as dr
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.backend import Float, UInt, arrays, lookup
+from hagoromo.camera.camera import Axes, Camera
+from hagoromo.camera.pose import inverse_pose
+from hagoromo.errors import InputError
+from hagoromo.volume.box import VolumeBox
+
+INSTANTS = 512  # an edge that moves by so many pixels is smooth to a pixel
+Poses = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Moving:
+    """cameras: world_to_camera (instants, 4, 4). boxes: poses (instants, boxes, 4, 4), in the order of the scene's."""
+
+    cameras: Poses
+    boxes: Poses
+
+    def __post_init__(self) -> None:
+        if self.cameras.ndim != 3 or self.boxes.ndim != 4 or len(self.cameras) != len(self.boxes):
+            raise InputError(
+                f"poses at instants are {self.cameras.shape} of the camera and {self.boxes.shape} of boxes: give "
+                f"(instants, 4, 4) and (instants, boxes, 4, 4)"
+            )
+
+    def seen_by(self, camera: Camera) -> Moving:
+        """The same motion of the boxes before a camera that stands still."""
+        return Moving(np.repeat(camera.world_to_camera[None], len(self.cameras), axis=0), self.boxes)
+
+    def moved(self, shift: NDArray[np.float64]) -> Moving:
+        """The same motion with all places shifted, (3,) [m]."""
+        cameras, boxes = self.cameras.copy(), self.boxes.copy()
+        cameras[:, :3, 3] -= self.cameras[:, :3, :3] @ shift
+        boxes[..., :3, 3] += shift
+        return Moving(cameras, boxes)
+
+    def depth_of(self, boxes: Sequence[VolumeBox], corners: NDArray[np.float64]) -> float:
+        """Least depth before the camera of the boxes, and of `corners` (n, 3) of what stands still, ever [m]."""
+        depth, own = np.inf, [(box.corners(), inverse_pose(box.pose)) for box in boxes]
+        for camera, poses in zip(self.cameras, self.boxes, strict=True):
+            ways = [pose @ back for (_, back), pose in zip(own, poses, strict=True)]
+            moved = [one @ way[:3, :3].T + way[:3, 3] for (one, _), way in zip(own, ways, strict=True)]
+            every = np.concatenate([corners.reshape(-1, 3), *moved])
+            depth = min(depth, float((every @ camera[2, :3] + camera[2, 3]).min()))
+        return depth
+
+
+class MovingCamera:
+    """The axes of a camera at its instants, on the device."""
+
+    def __init__(self, moving: Moving, ahead: float) -> None:
+        """ahead: depth at which rays begin, see `Camera.rays` [m]."""
+        cameras = moving.cameras
+        places = -np.einsum("nji,nj->ni", cameras[:, :3, :3], cameras[:, :3, 3]) + ahead * cameras[:, 2, :3]
+        rows = np.concatenate([cameras[:, :3, :3].reshape(-1, 9), places], axis=1)
+        self.rows, self.count = lookup(arrays().Float, rows.astype(np.float32)), len(cameras)
+
+    def axes(self, instant: UInt) -> Axes:
+        """Right, down and forward, and where rays begin, of rays at their instants."""
+        jit = arrays()
+        numbers = [dr.gather(jit.Float, self.rows, instant * 12 + k) for k in range(12)]
+        right, down, forward, begin = (jit.Array3f(*numbers[k : k + 3]) for k in range(0, 12, 3))
+        return right, down, forward, begin
+
+
+def instants(sample: UInt, start: Float, count: int) -> UInt:
+    """The instant of walks. sample: their number in the pixel. start: a random number of the pixel, in [0, 1).
+
+    Walk s is at the radical inverse of s (van der Corput 1935) behind the start: those of a pixel are spread evenly
+    over the time, and each alone is at any instant.
+    """
+    jit = arrays()
+    place = jit.Float(dr.brev(sample) >> 8) * 2.0**-24 + start
+    return dr.minimum(jit.UInt((place - dr.floor(place)) * float(count)), count - 1)
