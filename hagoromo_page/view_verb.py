@@ -19,6 +19,7 @@ def view(
     host: Annotated[str, arg(help="address to listen on; any but the default lets other machines in")] = LOOPBACK,
     port: Annotated[int, arg(help="port to listen on; 0: a free one")] = 0,
     against: Path | None = None,
+    ocio: str | None = None,
 ) -> None:
     """Scene, volume box, capture, measurement or image → a viewer in the browser: to orbit, relight, edit and probe.
 
@@ -27,12 +28,14 @@ def view(
     Args:
         scene: SCENE.toml, BOX.zarr, the folder of a capture or one that `measure` wrote, or IMAGE.exr with weights or
             spectra.
+        ocio: configuration of OpenColorIO, a file or ocio://NAME, whose views are among the tone curves (default: those
+            of ACES 2.0, where OpenColorIO is installed).
         against: capture whose photographs the picture of a scene is held against, or a file of cameras to jump to.
     """
     from hagoromo_page.viewer.browser import Browser
     from hagoromo_page.viewer.open_desk import open_desk
 
-    browser = Browser(open_desk(scene, against), host, port)
+    browser = Browser(open_desk(scene, against, ocio), host, port)
     try:
         say(f"open {browser.address}")
         browser.run()

@@ -37,7 +37,7 @@ from hagoromo.app.everywhere import HELP, Everywhere, everywhere, give_up_stream
 from hagoromo.app.interrupt import exit_status, signals_as_interrupt, wait_for_kernels
 from hagoromo.app.progress_bar import progress_bar
 from hagoromo.app.render_verb import render
-from hagoromo.app.shared_options import AS_STATED, HERE, Scheduler, Sensor
+from hagoromo.app.shared_options import AS_ON_SRGB, AS_STATED, HERE, LookOfPicture, Scheduler, Sensor
 from hagoromo.app.verb import Force, Out, load_verbs, picture_or_film, say, verb, verbs, with_picture, wrote
 from hagoromo.errors import InputError
 from hagoromo.files.finite import finite_json
@@ -260,7 +260,7 @@ def expose(
     strength: tuple[str, ...] = (),
     spectrum: tuple[str, ...] = (),
     response: str | None = None,
-    display: str | None = None,
+    look: LookOfPicture = AS_ON_SRGB,
     force: Force = False,
 ) -> None:
     """Rendered EXR → EXR and PNG under lamps of other strength or colour, or through another camera; no new rendering.
@@ -270,14 +270,12 @@ def expose(
         strength: NAME=FACTOR on the intensity of a lamp, such as key=0.5.
         spectrum: NAME=SPECTRUM of a lamp: the name of an illuminant such as A or D65, or a CSV.
         response: response of the camera: a name or a CSV (default: linear sRGB).
-        display: what the PNG is made for: sRGB (default), Display P3, or a view of ACES, such as
-            "ACES 2.0 - SDR 100 nits (Rec.709)".
     """
     replaceable_files(with_picture(out).files, force)
     factors = {name: _factor(value, name) for name, value in map(_named_value, strength)}
     exposed = hg.expose(image, factors, dict(map(_named_value, spectrum)))
     seen_by = None if response is None else hg.Response.load(response)
-    wrote(*exposed.save(out, seen_by, force, display=display))
+    wrote(*exposed.save(out, seen_by, force, display=look.chosen))
 
 
 def _named_value(text: str) -> tuple[str, str]:

@@ -10,7 +10,7 @@ from tyro.conf import Positional
 
 import hagoromo as hg
 from hagoromo.app.progress_bar import progress_bar
-from hagoromo.app.shared_options import HERE, Scheduler
+from hagoromo.app.shared_options import AS_ON_SRGB, HERE, LookOfPicture, Scheduler
 from hagoromo.app.verb import Force, Out, say, with_picture, wrote
 from hagoromo.errors import InputError
 from hagoromo.files.whole import replaceable_files
@@ -40,7 +40,7 @@ def render(
     lamp_orbit: int | None = None,
     fps: float | None = None,
     times: int | None = None,
-    display: str | None = None,
+    look: LookOfPicture = AS_ON_SRGB,
     scheduler: Scheduler = HERE,
     force: Force = False,
 ) -> None:
@@ -71,18 +71,16 @@ def render(
         fps: frames a second of a film (default: the scene's, or 24).
         times: mean of pictures at so many times while the shutter ([motion] shutter_close) is open, in any mode
             (default: mode path follows what moves, walk by walk).
-        display: what the PNG is made for: sRGB (default), Display P3, or a view of ACES, such as
-            "ACES 2.0 - SDR 100 nits (Rec.709)".
     """
     turn = turn_of(turntable, camera_orbit, lamp_orbit)
     choices = {"tolerance": tolerance, "samples": samples, "seed": seed}
     choices |= {"error": error, "seconds": time, "walks": walks}
     stated: dict[str, Any] = {key: value for key, value in choices.items() if value is not None}
     if is_film(out, turn):
-        if resume or layers or denoise or separate_lamps or display or times is not None:
+        if resume or layers or denoise or separate_lamps or times is not None or look != AS_ON_SRGB:
             raise InputError(
-                "a film goes on by itself and has no layers: leave --resume, --layers, --denoise, --separate-lamps, "
-                "--times and --display out"
+                "a film goes on by itself, and has no layers and no look: leave --resume, --layers, --denoise, "
+                "--separate-lamps, --times, --display, --view, --ocio and --exposure out"
             )
         return write_film_of(scene, out, stated, turn, fps, scheduler.chosen, force, mode)
     from hagoromo.image.shown import DisplayTransform
@@ -91,7 +89,7 @@ def render(
         from hagoromo.image.denoise import name_of_denoiser
 
         name_of_denoiser()
-    DisplayTransform(display)  # refuses what there is not before the work
+    DisplayTransform(display := look.chosen)  # refuses what there is not before the work
     unfinished = _unfinished(out) if resume else None
     replaceable_files(with_picture(out).files, force or resume)
     from hagoromo.image.render import motion_with_shutter

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import arg
 
 from hagoromo.errors import InputError
+
+if TYPE_CHECKING:
+    from hagoromo.image.shown import Look
 
 
 @dataclass(frozen=True)
@@ -74,3 +77,33 @@ class SensorOptions:
 
 Sensor = Annotated[SensorOptions, arg(name="")]
 AS_STATED = SensorOptions()
+
+
+@dataclass(frozen=True)
+class LookOptions:
+    """How the PNG shows the picture; the EXR stays linear."""
+
+    display: str | None = None
+    """what the PNG is made for: sRGB (default), Display P3, or a view of ACES, such as "ACES 2.0 - SDR 100 nits
+    (Rec.709)"; with --view or --ocio a display of that configuration (default: its own)."""
+
+    view: str | None = None
+    """view of the display, in the configuration of --ocio (default: the display's own); a wrong one lists all."""
+
+    ocio: str | None = None
+    """configuration of OpenColorIO: a file (.ocio, .ocioz), or one of its own, such as
+    ocio://cg-config-latest (default: ACES 2.0; pip install 'hagoromo[display]')."""
+
+    exposure: float = 0.0
+    """stops by which the PNG is brighter than of itself, when its brightest half percent is near white."""
+
+    @property
+    def chosen(self) -> Look:
+        """What calls take as `display`."""
+        from hagoromo.image.shown import Look
+
+        return Look(self.display, self.view, self.ocio, self.exposure)
+
+
+LookOfPicture = Annotated[LookOptions, arg(name="")]
+AS_ON_SRGB = LookOptions()

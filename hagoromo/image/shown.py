@@ -1,10 +1,12 @@
-"""Shown: linear pictures as display values: sRGB, Display P3, or a view of ACES by OpenColorIO.
+"""Shown: linear pictures as display values: sRGB, Display P3, or a view of OpenColorIO.
 
-Views are those of OpenColorIO's own configuration of ACES 2.0, on the displays whose profile the file can state.
+Views that are named alone are those of OpenColorIO's own configuration of ACES 2.0, on the displays whose profile the
+file can state.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,26 +16,57 @@ from numpy.typing import NDArray
 from hagoromo.errors import InputError
 from hagoromo.files.icc import DISPLAY_P3, SRGB, icc_profile, xyz_from_display
 from hagoromo.files.png import write_png
-from hagoromo.files.reading import library
 from hagoromo.files.tiff import write_tiff
+from hagoromo.image.ocio_view import ACES, PROFILES, OcioConfiguration
 from hagoromo.light.colour import srgb_encode
 
-CONFIGURATION = "ocio://studio-config-v4.0.0_aces-v2.0_ocio-v2.5"
-LINEAR = "Linear Rec.709 (sRGB)"  # as that configuration calls linear sRGB
-OCIO_DISPLAYS = {"sRGB - Display": SRGB, "Display P3 - Display": DISPLAY_P3}
+MOST_STOPS = 32.0
+NAMED = ("sRGB - Display", "Display P3 - Display")  # displays of ACES whose views are known by their names alone
+
+
+@dataclass(frozen=True)
+class Look:
+    """How a picture is shown to people; what is kept of it stays linear.
+
+    display: sRGB (None), Display P3, the name of a view of ACES 2.0, or, with `view` or `ocio`, a display of that
+    configuration. ocio: a file, or ocio://NAME; None: ACES 2.0. view: None: the display's own. exposure: stops above
+    that which `Image.display` finds.
+    """
+
+    display: str | None = None
+    view: str | None = None
+    ocio: str | None = None
+    exposure: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not abs(self.exposure) <= MOST_STOPS:
+            raise InputError(f"exposure is {self.exposure:g} stops: give −{MOST_STOPS:g} to {MOST_STOPS:g}")
+
+    @property
+    def factor(self) -> float:
+        """On linear values."""
+        return 2.0**self.exposure
 
 
 class DisplayTransform:
-    """A way to show linear pictures. name: sRGB, Display P3, or a view such as "ACES 2.0 - SDR 100 nits (Rec.709)".
+    """A way to show linear pictures. name: sRGB, Display P3, or a view such as "ACES 2.0 - SDR 100 nits (Rec.709)"; or
+    a `Look`, whose exposure is left to others.
 
-    profile: the display whose values they are. `InputError` for another name, which lists those there are.
+    profile: the display whose values they are; "" of one whose profile is not known. `InputError` for another name,
+    which lists those there are.
     """
 
-    def __init__(self, name: str | None = None) -> None:
-        self.name = name or SRGB
+    def __init__(self, name: str | Look | None = None) -> None:
+        look = name if isinstance(name, Look) else Look(name)
+        self.name = look.display or SRGB
         self.view: Any = None
         self.profile = self.name
-        if self.name not in (SRGB, DISPLAY_P3):
+        if look.view is not None or look.ocio is not None:
+            configuration = OcioConfiguration(ACES if look.ocio is None else look.ocio)
+            display, view = configuration.chosen(look.display, look.view)
+            self.name, self.profile = f"{display}: {view}", PROFILES.get(display, "")
+            self.view = configuration.processor(display, view)
+        elif self.name not in (SRGB, DISPLAY_P3):
             self.profile, self.view = _view(self.name)
 
     def values(self, linear: NDArray[Any]) -> NDArray[np.float64]:
@@ -53,14 +86,14 @@ class DisplayTransform:
         numbers: Any = np.round(np.iinfo(kind).max * np.clip(values, 0.0, 1.0)).astype(kind)
         numbers = numbers[..., 0] if numbers.shape[2] == 1 else numbers
         if Path(path).suffix.lower() in (".tif", ".tiff"):
-            write_tiff(path, numbers, icc_profile(self.profile) if numbers.ndim == 3 else None)
+            write_tiff(path, numbers, icc_profile(self.profile) if numbers.ndim == 3 and self.profile else None)
         else:
             self.save_png(path, numbers)
 
     def save_png(self, path: str | Path, numbers: NDArray[Any]) -> None:
         """Write whole numbers as PNG; sRGB has a chunk of its own there, other displays their ICC profile."""
-        if self.profile == SRGB:
-            write_png(path, numbers, srgb=True)
+        if self.profile in (SRGB, ""):
+            write_png(path, numbers, srgb=self.profile == SRGB)
         else:
             write_png(path, numbers, profile=icc_profile(self.profile))
 
@@ -72,16 +105,13 @@ class DisplayTransform:
 
 
 def _view(name: str) -> tuple[str, Any]:
-    """The display of a view, and what computes its values."""
-    ocio = library("PyOpenColorIO")
-    configuration = ocio.Config.CreateFromFile(CONFIGURATION)
-    views = {view: display for display in OCIO_DISPLAYS for view in configuration.getViews(display) if view != "Raw"}
-    views |= {view: "sRGB - Display" for view in configuration.getViews("sRGB - Display") if view in views}
-    if name not in views:
-        raise InputError(f"there is no display {name!r:.80}: give one of {', '.join((SRGB, DISPLAY_P3, *views))}")
-    display = views[name]
-    transform = ocio.DisplayViewTransform(src=LINEAR, display=display, view=name)
-    return OCIO_DISPLAYS[display], configuration.getProcessor(transform).getDefaultCPUProcessor()
+    """The display of a view of ACES, and what computes its values."""
+    configuration = OcioConfiguration()
+    displays = configuration.displays
+    display_of = {view: display for display in reversed(NAMED) for view in displays[display]}
+    if name not in display_of:
+        raise InputError(f"there is no display {name!r:.80}: give one of {', '.join((SRGB, DISPLAY_P3, *display_of))}")
+    return PROFILES[display_of[name]], configuration.processor(display_of[name], name)
 
 
 def srgb_values(linear: NDArray[np.float64]) -> NDArray[np.float64]:

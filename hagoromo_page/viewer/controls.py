@@ -18,8 +18,9 @@ from hagoromo.image.scene import Scene
 from hagoromo.light.colour import srgb_decode, srgb_encode, srgb_from_xyz
 from hagoromo.light.spectrum import Spectrum, smooth_rgb_basis
 from hagoromo.reflectance.reflectance import Reflectance
+from hagoromo_page.viewer.development import tones
 from hagoromo_page.viewer.layers import LAYERS
-from hagoromo_page.viewer.view_state import TONES, Steps, ViewState
+from hagoromo_page.viewer.view_state import Steps, ViewState
 
 AS_STATED = "as stated"
 NEUTRAL = "equal energy"
@@ -114,7 +115,7 @@ def _picture_controls(state: ViewState, first: ViewState) -> list[Control]:
         of("layer", "layer", Choice(LAYERS)),
         of("stops", "exposure [stops]", Slider(-MOST_STOPS, MOST_STOPS, 0.1)),
         of("white", "white", Choice(("first lamp", *ILLUMINANTS))),
-        of("tone", "tone curve", Choice(TONES)),
+        of("tone", "tone curve", Choice(tones(state.development.ocio))),
         Control("response", "Picture", "camera response", Choice(RESPONSES), response, with_response),
     ]
 

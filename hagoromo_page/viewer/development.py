@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+from importlib.util import find_spec
+
 import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.camera.response import WHITE_XYZ, Response, camera_white, srgb_from_camera
+from hagoromo.files.icc import SRGB
 from hagoromo.image.image import Image, auto_exposure
+from hagoromo.image.ocio_view import ACES, PROFILES, OcioConfiguration
+from hagoromo.image.shown import DisplayTransform, Look
 from hagoromo.light.colour import srgb_encode, srgb_from_xyz
 from hagoromo.light.spectrum import Spectrum
-from hagoromo_page.viewer.view_state import ViewTransform
+from hagoromo_page.viewer.view_state import TONES, ViewTransform
 
 SHOULDER = 0.8  # linear value from which the curve "shoulder" compresses; it reaches 1 at infinity
 
@@ -36,7 +42,33 @@ def metered(image: Image, development: ViewTransform, response: Response | None)
 def toned(linear: NDArray[np.float64], development: ViewTransform, factor: float) -> NDArray[np.uint8]:
     """Display values of a linear picture: exposed, through the tone curve."""
     linear = linear * (factor * 2.0**development.stops)
+    if development.tone not in TONES:
+        return _view(development.ocio, development.tone).numbers(linear)
     return srgb_encode(shoulder(linear) if development.tone == "shoulder" else linear)
+
+
+@lru_cache(maxsize=8)
+def tones(ocio: str) -> tuple[str, ...]:
+    """Curves and views that a viewer may choose: those of a display like a browser's, where OpenColorIO is installed.
+
+    ocio: configuration; "": that of ACES. `InputError` for one that cannot be read, or without OpenColorIO.
+    """
+    if not ocio and find_spec("PyOpenColorIO") is None:
+        return TONES
+    configuration = OcioConfiguration(ocio or ACES)
+    return *TONES, *configuration.displays[_display(configuration)]
+
+
+@lru_cache(maxsize=8)
+def _view(ocio: str, view: str) -> DisplayTransform:
+    place = ocio or ACES
+    return DisplayTransform(Look(_display(OcioConfiguration(place)), view, place))
+
+
+def _display(configuration: OcioConfiguration) -> str:
+    """The first display that shows sRGB; without one that of the configuration."""
+    known = [display for display in configuration.displays if PROFILES.get(display) == SRGB]
+    return known[0] if known else configuration.chosen(None, None)[0]
 
 
 def shoulder(linear: NDArray[np.float64]) -> NDArray[np.float64]:

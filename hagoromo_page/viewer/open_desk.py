@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from hagoromo.errors import InputError
 from hagoromo.files.checks import inside
@@ -15,6 +17,7 @@ from hagoromo.image.spectral_exr import is_spectral, spectral_of_channels
 from hagoromo.measurement.measurement import Measurement
 from hagoromo.photograph.capture import load_capture
 from hagoromo_page.publication.publish import page_source
+from hagoromo_page.viewer.development import tones
 from hagoromo_page.viewer.image_plate import ImagePlate, plate_of_spectra
 from hagoromo_page.viewer.maps_plate import MapsPlate
 from hagoromo_page.viewer.photograph_plate import PhotographPlate
@@ -22,16 +25,24 @@ from hagoromo_page.viewer.photographs import photographs_of
 from hagoromo_page.viewer.picture_desk import PictureDesk
 from hagoromo_page.viewer.plates import Plate
 from hagoromo_page.viewer.scene_files import opened
+from hagoromo_page.viewer.view_state import TONES
 from hagoromo_page.viewer.watcher import Desk
 
 WEIGHTS = "palette"  # of the header of an EXR that `Image.save` wrote
 
 
-def open_desk(path: Path, against: Path | None = None) -> Desk | PictureDesk:
+def open_desk(path: Path, against: Path | None = None, ocio: str | None = None) -> Desk | PictureDesk:
     """The desk of a scene, a volume box, a capture, a measurement or an image; `InputError` for anything else.
 
-    against: a capture that the picture of a scene is held against, or a file of cameras.
+    against: a capture that the picture of a scene is held against, or a file of cameras. ocio: configuration of
+    OpenColorIO whose views are among the tone curves; the picture begins with its first.
     """
+    if ocio is not None:
+        first = tones(ocio)[len(TONES)]
+        desk = open_desk(path, against)
+        history: Any = desk.history
+        history.now = replace(history.now, development=replace(history.now.development, ocio=ocio, tone=first))
+        return desk
     plates = None if address(path) else _plates(path)
     if plates is None:
         return Desk(*opened(path), [] if against is None else photographs_of(against))

@@ -30,10 +30,10 @@ from hagoromo_page.viewer.controls import (
     Control,
     Slider,
 )
-from hagoromo_page.viewer.development import toned
+from hagoromo_page.viewer.development import toned, tones
 from hagoromo_page.viewer.plates import Plate, PlateLight
 from hagoromo_page.viewer.probe import Probe
-from hagoromo_page.viewer.view_state import TONES, History, ViewTransform
+from hagoromo_page.viewer.view_state import History, ViewTransform
 from hagoromo_page.viewer.watcher import LONGEST_SIDE, SHORTEST_SIDE, ShownPicture
 
 KEPT_PLATES = 3  # photographs of a capture that stay in memory
@@ -145,7 +145,7 @@ class PictureDesk:
             _of_development("layer", "layer", Choice(plate.layers)),
             _of_development("stops", "exposure [stops]", Slider(-MOST_STOPS, MOST_STOPS, 0.1)),
             *([] if plate.turns else [_of_development("white", "white", Choice(("first lamp", *ILLUMINANTS)))]),
-            _of_development("tone", "tone curve", Choice(TONES)),
+            _of_development("tone", "tone curve", Choice(tones(self.state.development.ocio))),
         ]
         for number, name in enumerate(plate.lamps):
             if number == 0:

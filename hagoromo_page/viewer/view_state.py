@@ -26,13 +26,15 @@ class ViewTransform:
     """How the weights of a picture become one for people.
 
     stops: exposure, in stops above that of the first picture. white: what is shown as white: "first lamp", or the name
-    of an illuminant. tone: of TONES, the curve of bright values. layer: of LAYERS, what the picture shows.
+    of an illuminant. tone: of TONES, the curve of bright values, or a view of OpenColorIO, see `tones`. layer: of
+    LAYERS, what the picture shows. ocio: configuration of the views; "": ACES.
     """
 
     stops: float = 0.0
     white: str = "first lamp"
     tone: str = "clipped"
     layer: str = "picture"
+    ocio: str = ""
 
 
 TONES = ("clipped", "shoulder")

@@ -20,15 +20,18 @@ from hagoromo.errors import InputError
 from hagoromo.files.exr import write_exr
 from hagoromo.image import preview
 from hagoromo.image.render import render
+from hagoromo.image.shown import DisplayTransform
 from hagoromo_page.view_verb import LOOPBACK
-from hagoromo_page.viewer import gate
+from hagoromo_page.viewer import development, gate
 from hagoromo_page.viewer.browser import Browser, field_of_view, in_window, pose_from_viser
+from hagoromo_page.viewer.open_desk import open_desk
 from hagoromo_page.viewer.photographs import LARGEST_DIFFERENCE, photographs_of, through
 from hagoromo_page.viewer.scene_files import opened
 from hagoromo_page.viewer.watcher import Desk, Watcher
 from tests.app.started import STARTED
 from tests.ball_scene import ball_scene
 
+ACES_VIEW = "ACES 2.0 - SDR 100 nits (Rec.709)"
 SMALL = ball_scene(size=(31, 23), focal=45.0)
 AREA_LAMP = "[[area_lamp]]\nposition = [0.3, -1.0, 0.9]\nradius = 0.1\nradiance = 50.0\n"
 
@@ -317,3 +320,31 @@ def test_a_viewer_ends_in_one_line(scene):
         watchdog.cancel()
     assert viewer.returncode == 130 and rest == ""
     assert said == "hagoromo: interrupted: nothing was written\n"
+
+
+def test_a_view_of_opencolorio_is_a_tone_curve_and_nothing_is_marched_for_it(desk, tmp_path, monkeypatch):
+    """Of ACES by default, of a configuration by --ocio, where the first view is chosen: the picture is what it says."""
+    pytest.importorskip("PyOpenColorIO", reason="views need opencolorio")
+    watcher = desk.watcher()
+    last_picture(watcher)
+    (tone,) = (control for control in desk.controls(desk.state) if control.name == "tone")
+    assert tone.kind.names[:3] == ("clipped", "shoulder", ACES_VIEW)
+    monkeypatch.setattr(preview, "Film", None)
+    desk.edit(tone.put(desk.state, ACES_VIEW), "tone")
+    shown = last_picture(watcher)
+    assert watcher.image is not None and desk.factor is not None
+    linear = development.linear_picture(watcher.image, desk.state.development, desk.scene.camera.response)
+    assert np.array_equal(shown, DisplayTransform(ACES_VIEW).numbers(linear * desk.factor))
+    place = "ocio://cg-config-latest"
+    other = open_desk(tmp_path / "ball.toml", ocio=place)
+    assert other.state.development.tone == ACES_VIEW and other.state.development.ocio == place
+    with pytest.raises(InputError, match="is no configuration of OpenColorIO"):
+        open_desk(tmp_path / "ball.toml", ocio="ocio://none")
+
+
+def test_without_opencolorio_the_curves_are_our_own(desk, monkeypatch):
+    development.tones.cache_clear()
+    monkeypatch.setattr(development, "find_spec", lambda _: None)
+    (tone,) = (control for control in desk.controls(desk.state) if control.name == "tone")
+    development.tones.cache_clear()
+    assert tone.kind.names == ("clipped", "shoulder")

@@ -175,6 +175,7 @@ def test_normals_are_written_and_come_back_and_heights_are_lost(tmp_path):
     assert "normalTexture" in record["materials"][0]
     assert not any("ormal" in line for line in scene_from_gltf(tmp_path / "a.glb", tmp_path / "back"))
     (back,) = load_scene(tmp_path / "back" / "scene.toml")[0].surfaces
+    assert back.normal_texture is not None
     np.testing.assert_allclose(back.normal_texture.values, normals.values, atol=0.51 / 255)
     camera = hg.Camera(16, 12, (14, 14), (8, 6)).look_at((0.5, 0.5, 1.2), (0.5, 0.5, 0.0), (0, 1, 0))
     mine, other = (hg.render(replace(scene, camera=camera, surfaces=(one,))).linear_srgb() for one in (mesh, back))

@@ -1,6 +1,8 @@
 """Display transforms, colour profiles and layouts of EXR, by readers that are not ours."""
 
 import io
+import sys
+import warnings
 
 import numpy as np
 import pytest
@@ -13,7 +15,8 @@ from hagoromo.files.exr import read_exr, write_exr
 from hagoromo.files.icc import DISPLAY_P3, SRGB, icc_profile
 from hagoromo.files.png import write_png
 from hagoromo.image.any_picture import convert_picture, read_any_picture
-from hagoromo.image.shown import DisplayTransform
+from hagoromo.image.image import auto_exposure
+from hagoromo.image.shown import DisplayTransform, Look
 from hagoromo.light.colour import srgb_decode, srgb_encode
 
 LINEAR = np.random.default_rng(11).random((13, 17, 3)) ** 2.0
@@ -111,6 +114,102 @@ def test_expose_and_convert_take_a_display(tmp_path):
     assert np.array_equal(shown, np.round(255 * DisplayTransform(ACES).values(linear)))
     with pytest.raises(InputError, match="leave it out"):
         convert_picture(tmp_path / "a.exr", tmp_path / "b.hdr", display=ACES)
+
+
+OWN = """
+ocio_profile_version: 2
+roles: {{default: {linear}, scene_linear: {linear}, aces_interchange: ACES2065-1}}
+displays:
+  Mine:
+    - !<View> {{name: Root, colorspace: root}}
+    - !<View> {{name: Cube, colorspace: cube}}
+active_displays: [Mine]
+active_views: [Root, Cube]
+colorspaces:
+  - !<ColorSpace> {{name: ACES2065-1}}
+  - !<ColorSpace> {{name: lin{alias}}}
+  - !<ColorSpace> {{name: root, from_scene_reference: !<ExponentTransform> {{value: [0.5, 0.5, 0.5, 1]}}}}
+  - !<ColorSpace> {{name: cube, from_scene_reference: !<ExponentTransform> {{value: [0.3333, 0.3333, 0.3333, 1]}}}}
+"""
+
+
+LINEAR_SRGB = ', aliases: ["Linear Rec.709 (sRGB)"]'
+
+
+def own_configuration(folder, linear="lin", alias=LINEAR_SRGB):
+    (folder / "own.ocio").write_text(OWN.format(linear=linear, alias=alias).lstrip())
+    return str(folder / "own.ocio")
+
+
+def test_a_configuration_of_ones_own_shows_what_its_views_say(tmp_path):
+    """The root of linear values in closed form, by the default view and by name; the display has no known profile."""
+    pytest.importorskip("PyOpenColorIO", reason="views need opencolorio")
+    place, linear = own_configuration(tmp_path), np.clip(LINEAR, 0.0, 1.0)
+    for look in (Look(ocio=place), Look("Mine", "Root", place)):
+        assert np.abs(DisplayTransform(look).values(linear) - np.sqrt(linear)).max() < 1e-5
+    assert DisplayTransform(Look(ocio=place)).profile == ""
+    assert DisplayTransform(Look(ocio=place, view="Cube")).name == "Mine: Cube"
+    an_image().save(tmp_path / "a.exr", display=Look(ocio=place))
+    with Image.open(tmp_path / "a.png") as picture:
+        assert not {"srgb", "icc_profile", "gamma"} & set(picture.info)
+
+
+def test_a_configuration_without_linear_srgb_is_entered_by_its_role_of_aces(tmp_path):
+    """AP0 of linear sRGB by the matrix of both primaries (Bradford), then the root."""
+    pytest.importorskip("PyOpenColorIO", reason="views need opencolorio")
+    import colour
+
+    place = own_configuration(tmp_path, "ACES2065-1", "")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        matrix = colour.matrix_RGB_to_RGB("sRGB", "ACES2065-1", "Bradford")
+    linear = np.clip(LINEAR, 0.0, 1.0)
+    shown = DisplayTransform(Look(ocio=place)).values(linear)
+    assert np.abs(shown - np.sqrt(np.clip(linear @ matrix.T, 0.0, 1.0))).max() < 2e-3  # of D65 and D60 in four digits
+
+
+def test_an_exposure_is_of_the_png_alone(tmp_path):
+    """A stop doubles linear values before they are encoded; the EXR has the same bytes."""
+    image = an_image()
+    for name, look in (("a", None), ("b", Look(exposure=1.0)), ("c", Look(exposure=-1.5, display=DISPLAY_P3))):
+        image.save(tmp_path / f"{name}.exr", display=look)
+    assert (tmp_path / "a.exr").read_bytes() == (tmp_path / "b.exr").read_bytes() == (tmp_path / "c.exr").read_bytes()
+    linear = image.linear_srgb() * auto_exposure(image.linear_srgb(), image.alpha)
+    assert np.array_equal(hg.read_png(tmp_path / "b.png"), srgb_encode(2.0 * linear))
+    assert np.array_equal(hg.read_png(tmp_path / "c.png"), DisplayTransform(DISPLAY_P3).numbers(linear * 2.0**-1.5))
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (
+            ["--view", "Filmic"],
+            "has no view 'Filmic' of sRGB - Display: give one of ACES 2.0 - SDR 100 nits (Rec.709), ",
+        ),
+        (["--ocio", "ocio://none"], "is no configuration of OpenColorIO"),
+        (["--ocio", "none.ocio"], "none.ocio does not exist"),
+        (
+            ["--ocio", "ocio://cg-config-latest", "--display", "Mine"],
+            "has no display 'Mine': give one of sRGB - Display",
+        ),
+        (["--exposure", "40"], "exposure is 40 stops"),
+    ],
+)
+def test_wrong_looks_are_one_line(tmp_path, capsys, words, said):
+    pytest.importorskip("PyOpenColorIO", reason="views need opencolorio")
+    an_image().save(tmp_path / "a.exr")
+    assert main(["expose", str(tmp_path / "a.exr"), *words, "--out", str(tmp_path / "b.exr")]) == 2
+    error = capsys.readouterr().err
+    assert said in error and error.count("\n") == 1 and not (tmp_path / "b.exr").exists()
+
+
+def test_without_opencolorio_a_line_says_what_to_install(tmp_path, monkeypatch, capsys):
+    an_image().save(tmp_path / "a.exr")
+    monkeypatch.setitem(sys.modules, "PyOpenColorIO", None)
+    words = ["expose", str(tmp_path / "a.exr"), "--out", str(tmp_path / "b.exr")]
+    assert main([*words, "--view", "Un-tone-mapped"]) == 2
+    assert "pip install 'hagoromo[display]'" in capsys.readouterr().err
+    assert main([*words, "--exposure", "0.5"]) == 0  # needs nothing
 
 
 @pytest.mark.parametrize("words", [("half",), ("tiles",), ("parts",), ("half", "tiles", "parts")])

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hagoromo.errors import InputError, described
 from hagoromo.files.record import decode
@@ -81,13 +82,14 @@ def mean_over_times(
         if not _alike(images[-1], images[0]):
             raise InputError(f"{path}: the spectrum of a lamp changes while the shutter is open: leave that out")
         record: dict[str, Any] = metadata(scene, own) | {"mode": mode, "times": times}
-    weights, alpha = (
-        np.mean([getattr(image, name) for image in images], axis=0, dtype=np.float64).astype(np.float32)
-        for name in ("weights", "alpha")
-    )
     noise = [image.variance for image in images if image.variance is not None]
-    variance = (np.sum(noise, axis=0, dtype=np.float64) / times**2).astype(np.float32) if noise else None
+    weights, alpha = _mean([image.weights for image in images]), _mean([image.alpha for image in images])
+    variance = np.asarray(_mean(noise) / np.float32(times)) if noise else None
     return Image(weights, alpha, images[0].palette, record, variance)
+
+
+def _mean(arrays: list[NDArray[np.float32]]) -> NDArray[np.float32]:
+    return np.asarray(np.mean(np.stack(arrays), axis=0, dtype=np.float64), np.float32)
 
 
 def _camera_pose(table: Tables, scene: Scene) -> np.ndarray:
