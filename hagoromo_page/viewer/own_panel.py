@@ -12,6 +12,7 @@ from hagoromo.camera.camera import Camera
 from hagoromo.camera.pose import inverse_pose
 from hagoromo.errors import InputError
 from hagoromo.image.render import render
+from hagoromo.image.scene_file import load_scene
 from hagoromo_page.viewer.panel import value_set
 from hagoromo_page.viewer.photographs import LARGEST_DIFFERENCE, through
 from hagoromo_page.viewer.picture_desk import PictureDesk, PictureWatcher
@@ -175,5 +176,7 @@ class OwnPanel:
         if not with_picture:
             return f"wrote {path.name}"
         self.panel.say(f"wrote {path.name}; renders it …")
-        made = render(path).save(path.with_suffix(".exr"), self.watcher.desk.camera.response)
+        made = render(*load_scene(path)).save(  # without a shutter, as the window shows it
+            path.with_suffix(".exr"), self.watcher.desk.camera.response
+        )
         return f"wrote {', '.join(one.name for one in (path, *made))}"

@@ -175,9 +175,21 @@ def test_what_stands_still_has_the_same_bits_without_a_shutter(scene_file):
     np.testing.assert_allclose(one, other, rtol=1e-5, atol=1e-7)
 
 
-LAMP = (
-    "[[motion.lamp]]\nlamp = 0\ntime = 0.0\nintensity = 1.0\n[[motion.lamp]]\nlamp = 0\ntime = 0.4\nintensity = 2.0\n"
-)
+LAMP = "".join(f"[[motion.lamp]]\nlamp = 0\ntime = {t}\nintensity = {1.0 + t}\n" for t in (0.0, 0.4))
+
+
+def test_a_camera_alone_may_move(tmp_path):
+    """Before a surface without any box: a picture blurred along its way, of the mean brightness of a sharp one."""
+    ends = ((0.0, -0.01), (0.4, 0.01))
+    keys = (f"time = {t}\neye = [{x}, -0.10, 0.05]\ntarget = [{x}, 0.0, 0.004]\n" for t, x in ends)
+    tables = SCENE.replace('[[box]]\nname = "cube"\nfile = "cube.zarr"\n', "").replace("0.06, 0.06", "0.01, 0.01")
+    camera = "".join(f"[[motion.camera]]\n{key}" for key in keys)
+    (tmp_path / "scene.toml").write_text(f"{tables}shutter_close = 0.4\n{camera}")
+    blurred = hg.render(tmp_path / "scene.toml", hg.Settings(samples=64), mode="path")
+    sharp = hg.render(tmp_path / "scene.toml", hg.Settings(samples=64), mode="path", times=1)
+    edges = [np.abs(np.diff(image.alpha, axis=1)).max() for image in (blurred, sharp)]
+    assert edges[0] < 0.5 < edges[1]
+    assert blurred.alpha.mean() == pytest.approx(sharp.alpha.mean(), rel=0.05)
 
 
 @pytest.mark.parametrize(

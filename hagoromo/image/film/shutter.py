@@ -43,7 +43,8 @@ def moving_at(motion: Motion, time: float, tables: Tables, scene: Scene) -> Movi
         )
     with described(motion.where):
         cameras = np.array([_camera_pose(each["camera"], scene) for each in every])
-        boxes = np.repeat(np.reshape([box.pose for box in scene.boxes], (1, -1, 4, 4)), INSTANTS, axis=0)
+        still = np.reshape(np.array([box.pose for box in scene.boxes]), (1, len(scene.boxes), 4, 4))
+        boxes = np.repeat(still, INSTANTS, axis=0)
         for number in motion.boxes:
             own = np.linalg.inv(_place(tables, number)) @ scene.boxes[number].pose
             boxes[:, number] = [_place(each, number) @ own for each in every]
