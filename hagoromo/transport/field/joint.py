@@ -57,7 +57,6 @@ class Joint:
             self.sigma = smooth_extinction(self.ways)
             self.matter = SmoothMatter(solver.cells, self.sigma, [])
             self.single = SmoothMatter(solver.cells, self.sigma, solver.single)
-            self.once_in_cells, self.own = sweep(self.ways, solver.single, self.sight)
             self.cell_links = self._cell_links(solver.cells)
         self.patch_links = self._patch_links(PATCH_WAYS)
 
@@ -92,7 +91,9 @@ class Joint:
 
     def _in_cells(self) -> Numbers:
         """Light in the cells that was scattered once."""
-        return added(self.once_in_cells, self.cell_links.direct())
+        assert self.solver
+        once, self.own = sweep(self.ways, self.solver.single, self.sight)
+        return added(once, self.cell_links.direct())
 
     def _swept(self, light: Numbers) -> Numbers:
         """What all send on of the light that arrives at all."""

@@ -7,6 +7,7 @@ light passes the matter in between, is found once; the light that is sent may th
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -166,54 +167,58 @@ class Links:
         matter: SmoothMatter | None,
     ) -> None:
         """`points`: (n, 3) of the receivers [m]. `normals`: (n, 3) of patches, which have two sides; None: of cells."""
-        jit, self.lit, self.ways, self.count = arrays(), lit, ways, len(points)
-        require(float(BYTES_PER_RAY * self.count * ways), "rays between surfaces and matter")
-        self.patches = normals is not None
-        receiver = dr.arange(jit.UInt, self.count * ways) // dr.opaque(jit.UInt, ways)
-        self.towards = turned_ways(self.count, ways, random)
-        place = vectors(points)
-        self.point = dr.gather(jit.Array3f, place, receiver)
+        jit, self.lit, count = arrays(), lit, len(points)
+        require(float(BYTES_PER_RAY * count * ways), "rays between surfaces and matter")
+        self.patches, self.weight = normals is not None, 4.0 * math.pi / ways
+        receiver = dr.arange(jit.UInt, count * ways) // dr.opaque(jit.UInt, ways)
+        towards, cosine = turned_ways(count, ways, random), None
+        point = dr.gather(jit.Array3f, vectors(points), receiver)
         if normals is not None:
             normal = dr.gather(jit.Array3f, vectors(normals), receiver)
-            self.cosine = dr.dot(normal, self.towards)
-            self.point = self.point + normal * dr.copysign(2.0 * lit.patches.reach, self.cosine)
-        hit = lit.surfaces.hit(self.point, self.towards)
-        far, self.far, self.hit = hit.distance, hit.distance, hit.point
-        self.element, self.coefficients = lit.element(hit), lit.coefficients(hit)
-        self.there = dr.isfinite(far)
-        _, self.passed = (
-            through(matter.cells, matter, self.point, self.towards, far)
-            if matter
-            else ([], dr.full(jit.Float, 1.0, dr.width(far)))
-        )
-        evaluate(self.towards, self.point, hit, self.element, self.passed)
+            cosine = dr.dot(normal, towards)
+            point = point + normal * dr.copysign(2.0 * lit.patches.reach, cosine)
+        hit, passed = lit.surfaces.hit(point, towards), dr.full(jit.Float, 1.0, count * ways)
+        if matter:
+            passed = through(matter.cells, matter, point, towards, hit.distance)[1]
+        evaluate(towards, cosine, point, hit, passed)
+        rays = LinkedRays(towards, cosine, np.arange(count + 1) * ways)
+        if self.patches:
+            self.point, self.far, self.rays = point, hit.distance, rays
+        seen = np.flatnonzero(np.array(dr.isfinite(hit.distance) & (passed > 0.0)))
+        self.hits = rays.some(seen, np.bincount(seen // ways, minlength=count))
+        index = lookup(jit.UInt, (seen if len(seen) else np.zeros(1)).astype(np.uint32))
+        hit = SurfaceHit(*(None if each is None else dr.gather(type(each), each, index) for each in hit))
+        self.passed = dr.gather(jit.Float, passed, index)
+        self.element, self.coefficients, self.hit = lit.element(hit), lit.coefficients(hit), hit.point
+        evaluate(self.hit, self.passed, self.element)
         if lit.surface_colours is not None:
             dr.eval(self.coefficients)
         normal = hit.normal if hit.ground is None else hit.ground
-        self.patch: Patch = lit.patches.at(hit.point, normal, self.there)
+        self.patch: Patch = lit.patches.at(hit.point, normal, dr.full(jit.Bool, True, dr.width(index)))
 
     def direct(self) -> Numbers:
         """Incident light that surfaces send on of the light of the lamps."""
-        return self._gathered(self.lit.direct(self.hit, self.element, self.coefficients, -self.towards), surface=True)
+        away = -self.hits.towards
+        return self._from_surfaces(self.lit.direct(self.hit, self.element, self.coefficients, away))
 
     def again(self, light: Numbers) -> Numbers:
         """Incident light that surfaces send on of the `light` that arrives at the sides of the patches."""
-        sent = self.lit.again(self.element, self.coefficients, -self.towards, self.patch, FlatLight(light))
-        return self._gathered(sent, surface=True)
+        away = -self.hits.towards
+        return self._from_surfaces(self.lit.again(self.element, self.coefficients, away, self.patch, FlatLight(light)))
 
     def from_matter(self, matter: SmoothMatter) -> Numbers:
-        """Incident light that the cells send."""
-        light, _ = through(matter.cells, matter, self.point, self.towards, self.far)
-        return self._gathered(light, surface=False)
+        """Incident light that the cells send to patches."""
+        light, _ = through(matter.cells, matter, self.point, self.rays.towards, self.far)
+        return self._gathered(self.rays, light)
 
-    def _gathered(self, light: list[Float], surface: bool) -> Numbers:
-        """The nine numbers of light along all rays; patches: of their fronts, then of their backs."""
-        if surface:
-            light = [dr.select(self.there, each * self.passed, 0.0) for each in light]
-        weight = 4.0 * math.pi / self.ways
-        light = [each * weight for each in light]
+    def _from_surfaces(self, light: list[Float]) -> Numbers:
+        return self._gathered(self.hits, [each * self.passed for each in light])
+
+    def _gathered(self, rays: LinkedRays, light: list[Float]) -> Numbers:
+        """The nine numbers of light along rays; patches: of their fronts, then of their backs."""
+        light = [each * self.weight for each in light]
         dr.eval(light)
-        sides = summed(LinkedRays(self, light), self.count * (SIDES if self.patches else 1))
+        sides = summed(rays.with_light(light), rays.count * (SIDES if self.patches else 1))
         numbers = [self._scaled(*side) for side in sides] if self.patches else [numbers for numbers, _ in sides]
         dr.eval(numbers)
         return numbers
@@ -239,21 +244,44 @@ class FlatLight:
 
 
 class LinkedRays:
-    """Light along the rays of `Links`, weighed. A plain object: loops do not take its arrays into their state."""
+    """Rays of receivers, one receiver after the other, and light along them. A plain object: loops do not take its
+    arrays into their state.
 
-    def __init__(self, links: Links, light: list[Float]) -> None:
-        self.towards, self.light, self.patches = links.towards, light, links.patches
-        self.cosine = links.cosine if links.patches else None
-        self.ways, self.count = (dr.opaque(arrays().UInt, n) for n in (links.ways, links.count))
+    towards: directions. cosine: to the normals of patches; None: of cells. first: (receivers + 1,) the first ray of
+    each, and the number of all.
+    """
 
-    def added(self, k: UInt, lane: UInt, sides: list[tuple[list[Float], Float]]) -> list[tuple[list[Float], Float]]:
-        """The nine numbers and the irradiance of every channel, with the light of ray k of each receiver."""
+    def __init__(self, towards: Array3f, cosine: Float | None, first: NDArray, light: Sequence[Float] = ()) -> None:
+        self.towards, self.cosine, self.starts, self.light = towards, cosine, first, light
+        self.count = len(first) - 1
+        self.first = lookup(arrays().UInt, first.astype(np.uint32))
+        self.receivers = dr.opaque(arrays().UInt, self.count)
+
+    def some(self, rays: NDArray[np.intp], each: NDArray[np.intp]) -> LinkedRays:
+        """Some of these rays, in order; each: how many of every receiver. Without any there is one of none."""
         jit = arrays()
-        ray = lane % self.count * self.ways + k
+        index = lookup(jit.UInt, (rays if len(rays) else np.zeros(1)).astype(np.uint32))
+        towards = dr.gather(jit.Array3f, self.towards, index)
+        cosine = None if self.cosine is None else dr.gather(jit.Float, self.cosine, index)
+        dr.eval(towards, cosine)
+        return LinkedRays(towards, cosine, np.concatenate([[0], np.cumsum(each)]))
+
+    def with_light(self, light: Sequence[Float]) -> LinkedRays:
+        """The same rays with light of every channel."""
+        return LinkedRays(self.towards, self.cosine, self.starts, light)
+
+    def of(self, lane: UInt) -> tuple[UInt, UInt]:
+        """The first ray of a receiver, or of a side of one, and the one behind its last."""
+        first, end = (dr.gather(arrays().UInt, self.first, lane % self.receivers + k) for k in (0, 1))
+        return first, end
+
+    def added(self, ray: UInt, lane: UInt, sides: list[tuple[list[Float], Float]]) -> list[tuple[list[Float], Float]]:
+        """The nine numbers and the irradiance of every channel, with the light of a ray of each receiver."""
+        jit = arrays()
         factors = projected(dr.gather(jit.Array3f, self.towards, ray))
         cosine, seen = jit.Float(1), jit.Bool(True)
         if self.cosine is not None:
-            cosine = dr.gather(jit.Float, self.cosine, ray) * dr.select(lane < self.count, 1.0, jit.Float(-1))
+            cosine = dr.gather(jit.Float, self.cosine, ray) * dr.select(lane < self.receivers, 1.0, jit.Float(-1))
             seen = cosine > 0.0
         arrived = [dr.gather(jit.Float, light, ray, seen) for light in self.light]
         return [
@@ -270,10 +298,11 @@ def summed(rays: LinkedRays, receivers: int) -> list[tuple[list[Float], Float]]:
     jit = arrays()
     zero = dr.zeros(jit.Float, receivers)
     sides = [([zero] * NUMBERS, zero) for _ in rays.light]
-    k, lane = jit.UInt(0), dr.arange(jit.UInt, receivers)
-    while k < rays.ways:
-        sides = rays.added(k, lane, sides)
-        k += 1
+    lane = dr.arange(jit.UInt, receivers)
+    ray, end = rays.of(lane)
+    while ray < end:
+        sides = rays.added(ray, lane, sides)
+        ray += 1
     return sides
 
 
