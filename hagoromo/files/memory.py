@@ -6,7 +6,9 @@ limits of the process leave (`ulimit -v`, `ulimit -d`).
 
 from __future__ import annotations
 
+import ctypes
 import math
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -50,6 +52,18 @@ def free_memory() -> int:
 
     left = [psutil.virtual_memory().available, *_left_by_groups(), *_left_by_limits()]
     return max(int(min(left)), 0)
+
+
+def return_unused() -> None:
+    """Return memory that nothing uses to the system: what Dr.Jit keeps for arrays to come, and, with the C library of
+    GNU, what is free between others. After many arrays of some megabytes the latter may be as much as is in use.
+    """
+    import drjit as dr
+
+    dr.flush_malloc_cache()
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None) if sys.platform == "linux" else None
+    if trim is not None:
+        trim(0)
 
 
 def is_shortage(error: BaseException) -> bool:

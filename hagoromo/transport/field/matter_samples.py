@@ -11,13 +11,15 @@ import drjit as dr
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.backend import Array3f, Float, UInt, arrays, clip, lookup
+from hagoromo.backend import Array3f, Float, UInt, arrays, clip, lookup, opaque_vector, vectors
 from hagoromo.errors import InputError
+from hagoromo.files.memory import return_unused
 from hagoromo.reflectance.element import ELEMENTS, projected_area
 from hagoromo.transport.crossing import LATTICE_MARGIN, MarchInterval
 from hagoromo.transport.field.band_colours import BandColours
 from hagoromo.transport.field.cell_size import densest
 from hagoromo.transport.field.cells import Cells
+from hagoromo.transport.film import scrambled
 from hagoromo.transport.lighting import Lighting
 from hagoromo.transport.materials import Materials
 from hagoromo.transport.medium import Medium
@@ -25,7 +27,7 @@ from hagoromo.transport.sample import Element, TexelHit
 from hagoromo.volume.box import VolumeBox
 
 SAMPLES_AT_ONCE = 1 << 21
-PLACES_SEED = 15
+RANDOM_KEYS = 0x68E31DA4, 0xB5297A4D, 0x1B56C4E9  # of the three coordinates of a place
 
 
 @dataclass
@@ -106,7 +108,7 @@ def sampled(
     for begin in range(0, len(candidates), each):
         for number, box in enumerate(medium.boxes):
             spread = _spread(box, size / side)
-            point = _points(low, size, candidates[begin : begin + each], side, spread)
+            point = _points(low, size, candidates, range(begin, min(begin + each, len(candidates))), side, spread)
             step, density = matter_at(medium, number, point)
             kept = dr.compress(density > 0.0)
             if dr.width(kept) > 0:
@@ -127,6 +129,7 @@ def sampled(
     centroids = np.stack(moments, axis=1) / np.add.reduceat(weight, starts[:-1])[:, None]
     by_material = None if lighting.voxel_bases else colours_by_material(bands, lighting.materials)
     samples = MatterSamples(first, columns, bands.columns, lighting.materials, by_material)
+    return_unused()
     return Cells(low, size, filled, centroids), samples
 
 
@@ -147,7 +150,7 @@ def held_share(medium: Medium, low: NDArray, size: float, touched: NDArray) -> f
     """How much of the space of the cells that are `touched` (nz, ny, nx) holds matter, by one place in each."""
     cells, found, boxes = np.argwhere(touched)[:, ::-1], 0, range(len(medium.boxes))
     for begin in range(0, len(cells), SAMPLES_AT_ONCE):
-        point = _points(low, size, cells[begin : begin + SAMPLES_AT_ONCE], 1, 1.0)
+        point = _points(low, size, cells, range(begin, min(begin + SAMPLES_AT_ONCE, len(cells))), 1, 1.0)
         found += sum(int(dr.count(matter_at(medium, number, point)[1] > 0.0)[0]) for number in boxes)
     return found / max(len(cells), 1)
 
@@ -185,23 +188,19 @@ def _kept(medium: Medium, lighting: Lighting, bands: BandColours, kept: UInt, wh
     brick = dr.gather(arrays().Int, step.brick, kept)
     step = medium.at(dr.full(arrays().UInt, number, dr.width(kept)), place, brick)
     elements, texel_hit = medium.elements(step, None)
-    parts = []
+    biased = elements[0].shadow_bias is not None  # then each element has shadow rays of its own
+    lights = [_light(lighting, element, point, share, texel_hit) for element in elements[: None if biased else 1]]
+    parts, count = [], dr.width(kept)
     for k, element in enumerate(elements):
         coefficients = lighting.materials.coefficients(element.material)
         if lighting.voxel_bases and k == 0:
             coefficients = lighting.with_voxel_colour(coefficients, step.ray.box, medium.colour(step))
-        light = _light(lighting, element, point, share, texel_hit)
         colours = bands.of(coefficients) if lighting.voxel_bases else []
-        columns = [share * element.share, *element.axis, *point, *light, *colours]
-        count = dr.width(kept)
-        columns = [
-            kept,
-            element.material + dr.zeros(arrays().UInt, count),
-            *(c + dr.zeros(arrays().Float, count) for c in columns),
-        ]
-        dr.eval(columns)
-        parts.append([np.array(column) for column in columns])
-    return parts
+        columns = [share * element.share, *element.axis, *point, *lights[k if biased else 0], *colours]
+        material = element.material + dr.zeros(arrays().UInt, count)
+        parts.append([kept, material, *(c + dr.zeros(arrays().Float, count) for c in columns)])
+    dr.eval(parts)
+    return [[np.array(column) for column in columns] for columns in parts]
 
 
 def _with_share(columns: list[NDArray]) -> list[NDArray]:
@@ -226,17 +225,21 @@ def _light(
     return light
 
 
-def _points(low: NDArray, size: float, cells: NDArray, side: int, spread: float) -> Array3f:
-    """A place in each of `side`³ equal parts of every cell, cell after cell, at random within `spread` of its edge.
+def _points(low: NDArray, size: float, cells: NDArray, some: range, side: int, spread: float) -> Array3f:
+    """A place in each of `side`³ equal parts of `some` cells, cell after cell, at random within `spread` of its edge.
 
     The faces of matter may lie anywhere in cells: with places in the middles alone, all cells along a face would hold
     too much of it, or too little.
     """
-    jit = arrays()
-    middles = np.indices((side, side, side)).reshape(3, -1).T + 0.5
-    random = np.random.default_rng(PLACES_SEED).random((len(cells), side**3, 3), np.float32) - 0.5
-    points = (low + size * (cells[:, None] + (middles + spread * random) / side)).reshape(-1, 3).astype(np.float32)
-    return jit.Array3f(*(lookup(jit.Float, points[:, k]) for k in range(3)))
+    jit, along, corners = arrays(), dr.opaque(arrays().UInt, side), cells[some.start : some.stop].astype(np.float32)
+    lane = dr.arange(jit.UInt, len(some) * side**3)
+    each = dr.opaque(jit.UInt, side**3)
+    cell, part = dr.gather(jit.Array3f, vectors(corners), lane // each), lane % each
+    middle = jit.Array3f(part // along**2, part // along % along, part % along) + 0.5
+    drawn = scrambled(lane + dr.opaque(jit.UInt, some.start * side**3))
+    random = [scrambled(drawn + key) * 2.0**-32 - 0.5 for key in RANDOM_KEYS]
+    place = cell + dr.fma(jit.Array3f(*random), dr.opaque(jit.Float, spread), middle) * dr.opaque(jit.Float, 1.0 / side)
+    return dr.fma(place, dr.opaque(jit.Float, size), opaque_vector(low))
 
 
 def _spread(box: VolumeBox, part: float) -> float:

@@ -33,7 +33,7 @@ from hagoromo.transport.medium import Medium
 
 RESIDUAL = 2e-3  # largest change of the light by a sweep at the end, root mean square over all light
 MOST_SWEEPS = 60
-HISTORY = 4  # sweeps that are combined: each takes as much memory as the light, twice
+HISTORY = 4  # sweeps that are combined: each takes as much memory as the light
 LARGEST_OWN = 1.0 - 1e-5  # share of its own light that a cell is taken to get back at most
 LEAST_SIDE, MOST_SIDE = 2, 4  # samples of matter along the edge of a cell: one a voxel within these
 MOST_BYTES = float(2 << 30)  # of the samples of a grid, beyond which there are fewer
@@ -162,34 +162,63 @@ def warn_if_unsettled(residual: float, sweeps: int) -> None:
 
 
 class Anderson:
-    """Steps of one channel."""
+    """Steps of one channel.
+
+    last: the last light with its change by a sweep. steps: what this had changed by since the one before, of the last
+    ones. changes: by these sweeps. What is kept as halves gets smaller from sweep to sweep, and so does their error.
+    """
 
     def __init__(self) -> None:
-        self.lights: list[list[Float]] = []
-        self.changes: list[list[Float]] = []
+        self.last: list[Float] = []
+        self.steps: list[Halves] = []
+        self.changes: list[Halves] = []
         self.products = np.zeros((0, 0))  # of the changes with each other
 
     def __call__(self, light: list[Float], change: list[Float]) -> list[Float]:
         """The next light from the last one and its change by a sweep."""
-        self.lights, self.changes = (
-            [*old, new][-HISTORY:] for old, new in ((self.lights, light), (self.changes, change))
-        )
-        dr.eval(self.lights, self.changes)
-        steps = [(dr.opaque(arrays().Float, float(w)), x, c)
-                 for w, x, c in zip(self._shares(), self.lights, self.changes, strict=True)]  # fmt: skip
-        return [sum(share * (x[k] + c[k]) for share, x, c in steps) for k in range(NUMBERS)]
+        new = [x + c for x, c in zip(light, change, strict=True)]
+        dr.eval(new, change)
+        if self.last:
+            step = Halves([a - b for a, b in zip(new, self.last, strict=True)])
+            self.steps = [*self.steps, step][1 - HISTORY :]
+        back = np.cumsum(self._shares(change))[:-1]  # of each step, how much is taken back
+        shares = [dr.opaque(arrays().Float, float(share)) for share in back]
+        steps = [one.numbers() for one in self.steps]
+        result = [
+            sum((-share * one[k] for share, one in zip(shares, steps, strict=True)), new[k]) for k in range(NUMBERS)
+        ]
+        dr.eval(result)
+        self.last, self.changes = new, [*self.changes, Halves(change)][1 - HISTORY :]
+        return result
 
-    def _shares(self) -> np.ndarray:
-        """Shares, whose sum is 1, of the last changes that together are least."""
-        count, last = len(self.changes), self.changes[-1]
+    def _shares(self, change: list[Float]) -> np.ndarray:
+        """Shares, whose sum is 1, of the last changes that together are least; that of `change` is the last."""
+        count = len(self.changes) + 1
         gram = np.zeros((count, count))
         gram[:-1, :-1] = self.products[-(count - 1) :, -(count - 1) :] if count > 1 else 0.0
-        gram[-1] = gram[:, -1] = [_product(change, last) for change in self.changes]
+        gram[-1] = gram[:, -1] = [
+            *(_product(kept.numbers(), change) for kept in self.changes),
+            _product(change, change),
+        ]
         self.products, size = gram, np.trace(gram)
         if not size > 0.0:
             return np.eye(count)[-1]
         raw = np.linalg.solve(gram / size + REGULAR * np.eye(count), np.ones(count))
         return raw / raw.sum()
+
+
+class Halves:
+    """Numbers of cells as halves, in parts of the largest: half the memory of the light."""
+
+    def __init__(self, numbers: list[Float]) -> None:
+        kind = arrays()
+        self.scales = [dr.opaque(kind.Float, float(dr.max(dr.abs(number))[0]) or 1.0) for number in numbers]
+        self.parts = [kind.Float16(n / scale) for n, scale in zip(numbers, self.scales, strict=True)]
+        dr.eval(self.parts)
+
+    def numbers(self) -> list[Float]:
+        """The numbers again, each with an error of 5e-4 of itself."""
+        return [arrays().Float(part) * scale for part, scale in zip(self.parts, self.scales, strict=True)]
 
 
 def norm(numbers: list[Float]) -> float:
