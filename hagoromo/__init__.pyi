@@ -8,6 +8,7 @@ from .progress import Progress as Progress, part_of as part_of, silent as silent
 # Files: bytes and numbers, whatever they mean
 from .files.whole import whole_file as whole_file, whole_folder as whole_folder
 from .files.record import read_json as read_json, read_toml as read_toml, write_json as write_json
+from .files.sources import made_from as made_from
 from .files.table import read_table as read_table, write_table as write_table
 from .files.png import read_png as read_png, write_png as write_png
 from .files.exr import read_exr as read_exr, write_exr as write_exr

@@ -89,6 +89,7 @@ def transforms_facts(path: Path) -> Facts:
         "lamps": len(lamps) if isinstance(lamps := record.get("lamps", []), list) else 0,
         "sensor": "sensor" in record,
         "truth": "truth" in record,
+        **_sources(record),
     }
 
 
@@ -148,16 +149,27 @@ def json_facts(path: Path) -> Facts:
     """What one of our JSON files, or a list of cameras, holds."""
     record = read_json(path)
     if isinstance(record, list):
-        return {"kind": "materials", **_materials(path)}
+        return {"kind": "materials", **_materials(path), **_sources(record[0] if record else None)}
     if isinstance(record, dict) and "frames" in record:
         return transforms_facts(path)
     if isinstance(record, dict) and "fl_x" in record:
-        return {"kind": "camera", **{key: short(value) for key, value in record.items()}}
+        shown = {key: short(value) for key, value in record.items() if key != "hagoromo"}
+        return {"kind": "camera", **shown, **_sources(record)}
     if format_of_cameras(path) is not None:
         return _cameras(path)
     if isinstance(record, dict) and isinstance(record.get("lamps"), list):
-        return {"kind": "lamps", **{str(k): short(lamp) for k, lamp in enumerate(record["lamps"])}}
+        return {"kind": "lamps", **{str(k): short(lamp) for k, lamp in enumerate(record["lamps"])}, **_sources(record)}
     raise InputError(f"{path} is JSON of unknown type: give materials, camera, lamps or a capture")
+
+
+def _sources(record: Any) -> Facts:
+    """What a file states that it was made from: name → SHA-256."""
+    written = record.get("hagoromo") if isinstance(record, dict) else None
+    stated = written.get("sources") if isinstance(written, dict) else None
+    if not isinstance(stated, list):
+        return {}
+    named = [one for one in stated if isinstance(one, dict)]
+    return {"made_from": {str(one.get("name")): str(one.get("sha256")) for one in named}}
 
 
 def _cameras(path: Path) -> Facts:

@@ -6,13 +6,16 @@ disk before any of it is put.
 
 from __future__ import annotations
 
+import dataclasses
 import inspect
-from collections.abc import Callable
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any
 
 from hagoromo.errors import InputError
+from hagoromo.files.content import named_by
+from hagoromo.files.sources import made_from
 
 _addresses: dict[Path, str] = {}  # folder on disk → address of the store that its content goes to
 
@@ -21,7 +24,7 @@ def run_staged(function: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
     """Call a command; arguments that are addresses of a store are replaced by paths on disk."""
     arguments = inspect.signature(function).bind(*args, **kwargs).arguments
     if not any(_in_store(value) for value in arguments.values()):
-        return function(*args, **kwargs)
+        return _called(function, arguments)
     from hagoromo.files.stores import check_free, put
     from hagoromo.files.whole import scratch_folder
 
@@ -36,16 +39,37 @@ def run_staged(function: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
             if name != "out" and _in_store(value):
                 arguments[name] = tuple(_copy(one, home) for one in value) if _many(value) else _copy(value, home)
         if not _in_store(out):
-            return function(**arguments)
+            return _called(function, arguments)
         written = home / "out"
         written.mkdir()
         _addresses[written] = str(_address(out)).rpartition("/")[0]
         stack.callback(_addresses.pop, written)
-        status = function(**(arguments | {"out": written / out.name}))
+        status = _called(function, arguments | {"out": written / out.name})
         for made in sorted(written.iterdir(), key=lambda path: path.name == out.name):
             if not made.name.startswith("."):
                 put(made, out.parent / made.name)
         return status
+
+
+def _called(function: Callable[..., Any], arguments: dict[str, Any]) -> Any:
+    """Call a command, whose results state the files that it is given as their sources."""
+    with made_from([path for name, value in arguments.items() if name != "out" for path in _paths(value)]):
+        return function(**arguments)
+
+
+def _paths(value: Any) -> Iterator[Path]:
+    """The paths in an argument, and what TOML files among them name."""
+    if isinstance(value, Path):
+        yield value
+        if value.suffix == ".toml" and not _in_store(value):
+            with suppress(InputError):  # the command that reads the file says what is wrong with it
+                yield from (path for label, path in named_by(value) if label)
+    elif isinstance(value, (tuple, list)):
+        for one in value:
+            yield from _paths(one)
+    elif dataclasses.is_dataclass(value) and not isinstance(value, type):
+        for field in dataclasses.fields(value):
+            yield from _paths(getattr(value, field.name))
 
 
 def named(path: Path) -> str:

@@ -29,6 +29,7 @@ from hagoromo.errors import InputError
 from hagoromo.files.checks import read_bytes, sized_file
 from hagoromo.files.finite import finite_json
 from hagoromo.files.record_fault import CHOICE, Steps, explained, place_of, refused
+from hagoromo.files.sources import sources
 from hagoromo.files.whole import whole_file, write_text
 from hagoromo.version import __version__
 
@@ -98,6 +99,13 @@ class Record(ForeignRecord, frozen=True, forbid_unknown_fields=True):
     """A table of a file of this package: an unknown key is an error."""
 
 
+class Source(ForeignRecord, frozen=True, kw_only=True):
+    """A file that a result was made from."""
+
+    name: Annotated[str, about("name of the file, after that of the folder that was given")]
+    sha256: Annotated[str, about("SHA-256 of its bytes, hexadecimal")]
+
+
 class WrittenBy(ForeignRecord, frozen=True, kw_only=True):
     """What wrote a file: the table `hagoromo` of the files that the package writes."""
 
@@ -105,6 +113,7 @@ class WrittenBy(ForeignRecord, frozen=True, kw_only=True):
     version: Annotated[str, about("version of the package that wrote the file")] = ""
     settings: Annotated[dict[str, Any], about("settings that the result was made with")] = {}
     seed: Annotated[Count | None, about("seed of the random numbers that the result was made with")] = None
+    sources: Annotated[tuple[Source, ...], about("files that the result was made from")] = ()
 
 
 def written_by(
@@ -115,7 +124,7 @@ def written_by(
     Settings that are None were left to the package and are omitted.
     """
     stated = {key: value for key, value in (settings or {}).items() if value is not None}
-    more = {"settings": stated or None, "seed": seed}
+    more = {"settings": stated or None, "seed": seed, "sources": sources() or None}
     known = {key: value for key, value in more.items() if value is not None}
     return {"format_version": format_version, "version": __version__, **known}
 

@@ -21,6 +21,7 @@ from hagoromo.files.exr import read_exr, write_exr
 from hagoromo.files.finite import finite_json
 from hagoromo.files.png import png_bytes
 from hagoromo.files.record import json_value
+from hagoromo.files.sources import sources
 from hagoromo.files.whole import whole_files
 from hagoromo.image.full_error import FullError
 from hagoromo.image.palette_record import palette_of_text, record_of_palette
@@ -222,7 +223,7 @@ class Image:
             channels |= dict(self.layers) | self._parts(response, names)
         header |= {
             "colour_space": f"camera {response.name}, rho of eq. (10)" if response else "linear sRGB",
-            "hagoromo": finite_json(self.metadata, str(target)),
+            "hagoromo": finite_json(self.metadata | ({"sources": given} if (given := sources()) else {}), str(target)),
             "palette": finite_json(record_of_palette(self.palette), str(target)),
         }
         if self.sums is not None:

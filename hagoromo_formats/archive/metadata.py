@@ -10,12 +10,12 @@ import mimetypes
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from urllib.parse import quote
 from xml.etree import ElementTree
 
 from hagoromo.errors import InputError
-from hagoromo.files.record import read_json
+from hagoromo.files.record import WrittenBy, decode, read_json
 from hagoromo.version import __version__
 from hagoromo_formats.archive.holdings import Holding
 from hagoromo_formats.archive.profile import ArchiveProfile
@@ -24,6 +24,7 @@ CRATE, DUBLIN_CORE, SOURCES = "ro-crate-metadata.json", "dublin_core.xml", "sour
 OAI = "http://www.openarchives.org/OAI/2.0/oai_dc/"
 DC = "http://purl.org/dc/elements/1.1/"
 ORIGINALS = "originals/"  # folder of the payload that holds what results were made from
+RECORDS = "materials.json", "change.json", "relit.json", "export.json", "transforms.json"  # that say how they were made
 CONFORMS = "https://w3id.org/ro/crate/1.1"
 TYPES = {".exr": "image/x-exr", ".zarr": "application/x-zarr", ".toml": "application/toml"}
 
@@ -77,8 +78,10 @@ def crate(thing: ArchivedObject, profile: ArchiveProfile, holdings: Sequence[Hol
     licence = licence_address(profile.licence)
     equipment = [("camera", profile.camera), ("lens", profile.lens), ("lamps", profile.lamps)]
     owned = [{"@id": f"#{key}", "@type": "IndividualProduct", "name": name} for key, name in equipment if name]
-    originals = [{"@id": _source(one)["@id"]} for one in sources]
+    originals = [{"@id": _id(one)} for one in sources]
     originals += [{"@id": quote(one.path)} for one in kept if one.path.startswith(ORIGINALS)]
+    made = _made(kept, home)
+    unheld = _unheld([one for action in made for one in action.stated], holdings)
     root = {
         "@id": "./",
         "@type": "Dataset",
@@ -90,7 +93,7 @@ def crate(thing: ArchivedObject, profile: ArchiveProfile, holdings: Sequence[Hol
         "author": {"@id": "#creator"},
         "publisher": {"@id": "#institution"},
         "hasPart": [{"@id": quote(one.path)} for one in kept],
-        "mentions": [{"@id": one["@id"]} for one in (*_made(kept, home), *(_source(one) for one in sources))],
+        "mentions": [{"@id": name} for name in (*(one.entity["@id"] for one in made), *map(_id, sources), *unheld)],
     }
     if profile.place:
         root["contentLocation"] = {"@id": "#place"}
@@ -105,14 +108,15 @@ def crate(thing: ArchivedObject, profile: ArchiveProfile, holdings: Sequence[Hol
         *owned,
         *(_file(one) for one in kept),
         *(_source(one) for one in sources),
+        *unheld.values(),
         *(
-            action
+            action.entity
             | {
                 "agent": {"@id": "#creator"},
                 "instrument": [{"@id": "#hagoromo"}, *({"@id": one["@id"]} for one in owned)],
-                "object": originals,
+                "object": _objects(action.stated, holdings) or originals,
             }
-            for action in _made(kept, home)
+            for action in made
         ),
     ]
     return json.dumps({"@context": f"{CONFORMS}/context", "@graph": graph}, indent=1, ensure_ascii=False) + "\n"
@@ -143,7 +147,7 @@ def _file(one: Holding) -> dict[str, Any]:
 def _source(one: Holding) -> dict[str, Any]:
     """A file that is not in the archive, by its digest."""
     return {
-        "@id": f"urn:sha256:{one.sha256}",
+        "@id": _id(one),
         "@type": "CreativeWork",
         "name": one.path,
         "contentSize": str(one.size),
@@ -152,30 +156,60 @@ def _source(one: Holding) -> dict[str, Any]:
     }
 
 
-def _made(kept: Sequence[Holding], home: Path) -> list[dict[str, Any]]:
-    """What was done, by the tables `hagoromo` of the JSON files that results have: versions and settings."""
+class Made(NamedTuple):
+    """What was done: its entity in the crate, and the sources that the result states, (name, SHA-256)."""
+
+    entity: dict[str, Any]
+    stated: list[tuple[str, str]]
+
+
+def _made(kept: Sequence[Holding], home: Path) -> list[Made]:
+    """What was done, by the tables `hagoromo` of the JSON files that results have: versions, settings and sources."""
     found = []
     for one in kept:
-        if Path(one.path).name not in ("materials.json", "change.json", "relit.json", "export.json"):
+        if Path(one.path).name not in RECORDS:
             continue
         try:
             data = read_json(home / one.path)
+            data = data[0] if isinstance(data, list) and data else data
+            table = data.get("hagoromo") if isinstance(data, dict) else None
+            by = None if table is None else decode(table, WrittenBy, one.path)
         except InputError:
             continue  # a file of that name that is not ours is kept as it is
-        data = data[0] if isinstance(data, list) and data else data
-        by = data.get("hagoromo") if isinstance(data, dict) else None
-        if isinstance(by, dict):
-            said = json.dumps(by.get("settings", {}), ensure_ascii=False, sort_keys=True)
-            found.append(
-                {
-                    "@id": f"#made-{quote(one.path, safe='')}",
-                    "@type": "CreateAction",
-                    "name": f"hagoromo {by.get('version', '')}: {one.path}",
-                    "description": f"settings: {said}",
-                    "result": {"@id": quote(one.path)},
-                }
-            )
+        if by is not None:
+            entity = {
+                "@id": f"#made-{quote(one.path, safe='')}",
+                "@type": "CreateAction",
+                "name": f"hagoromo {by.version}: {one.path}",
+                "description": f"settings: {json.dumps(by.settings, ensure_ascii=False, sort_keys=True)}",
+                "result": {"@id": quote(one.path)},
+            }
+            found.append(Made(entity, [(each.name, each.sha256) for each in by.sources]))
     return found
+
+
+def _id(one: Holding) -> str:
+    """How the crate calls a file: by its path, or by its digest if it is not in the archive."""
+    return quote(one.path) if one.kept else f"urn:sha256:{one.sha256}"
+
+
+def _objects(stated: Sequence[tuple[str, str]], holdings: Sequence[Holding]) -> list[dict[str, str]]:
+    """The sources of a result: files of the archive with the same digest, or digests."""
+    held = {one.sha256: _id(one) for one in holdings}
+    return [{"@id": name} for name in dict.fromkeys(held.get(digest, f"urn:sha256:{digest}") for _, digest in stated)]
+
+
+def _unheld(stated: Sequence[tuple[str, str]], holdings: Sequence[Holding]) -> dict[str, dict[str, Any]]:
+    """Entities of sources that are neither in the archive nor named as originals, by their names in the crate."""
+    held = {one.sha256 for one in holdings}
+    return {
+        f"urn:sha256:{digest}": {
+            "@id": f"urn:sha256:{digest}", "@type": "CreativeWork", "name": name, "sha256": digest,
+            "encodingFormat": media_type(name),
+        }
+        for name, digest in stated
+        if digest not in held
+    }  # fmt: skip
 
 
 def _if(**values: str) -> dict[str, str]:

@@ -13,6 +13,7 @@ from typing import Any
 from markupsafe import Markup, escape
 
 from hagoromo.files.finite import finite_json
+from hagoromo.files.sources import sources
 from hagoromo.version import __version__
 
 FOLDER = "page"
@@ -105,10 +106,16 @@ def document(viewer: Viewer) -> str:
 <main>
 {viewer_html(viewer, alone=True)}
 </main>
-<footer>Published by Hagoromo {escape(__version__)}. This page loads nothing and sends nothing.</footer>
+<footer>Published by Hagoromo {escape(__version__)}. This page loads nothing and sends nothing.{_made_from()}</footer>
 </body>
 </html>
 """
+
+
+def _made_from() -> str:
+    """The files that the page is made from, by name and SHA-256."""
+    rows = [f"<li>{escape(one['name'])} <code>{one['sha256']}</code></li>" for one in sources()]
+    return f"<details><summary>Made from</summary><ul>{''.join(rows)}</ul></details>" if rows else ""
 
 
 def overhead(viewer: Viewer) -> int:

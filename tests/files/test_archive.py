@@ -116,6 +116,21 @@ def test_every_reference_of_the_crate_leads_somewhere(home):
     assert (data / "originals" / "capture" / "lamp 1.dng").read_bytes() == b"raw"
 
 
+def test_a_result_is_made_from_the_files_whose_digests_it_states(home):
+    """A file of the archive, one that is only referenced, and one that nobody gave."""
+    held = {"page.html": (home / "page.html").read_bytes(), "lamp 1.dng": b"raw", "dome.lp": b"lost"}
+    stated = [{"name": name, "sha256": hashlib.sha256(bytes).hexdigest()} for name, bytes in held.items()]
+    by = {"format_version": 1, "version": "0.3.0", "sources": stated}
+    (home / "measured" / "materials.json").write_text(json.dumps([{"hagoromo": by}]), encoding="utf-8")
+    _archived(home)
+    graph = json.loads((home / "bag" / "data" / "ro-crate-metadata.json").read_text(encoding="utf-8"))["@graph"]
+    (action,) = [one for one in graph if one["@type"] == "CreateAction"]
+    named = {one["@id"]: one["name"] for one in graph if "name" in one}
+    assert [named[one["@id"]] for one in action["object"]] == ["page.html", "capture/lamp 1.dng", "dome.lp"]
+    assert action["object"][0]["@id"] == "page.html"
+    assert action["object"][2]["@id"] == f"urn:sha256:{stated[2]['sha256']}"
+
+
 def test_dublin_core_says_who_what_and_when(home):
     _archived(home)
     root = ElementTree.parse(home / "bag" / "data" / "dublin_core.xml").getroot()
