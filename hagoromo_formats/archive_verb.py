@@ -24,9 +24,10 @@ def archive(
     originals: tuple[Path, ...] = (),
     pack: bool = False,
     profile: Path | None = None,
+    iiif: Annotated[str, arg(metavar="ADDRESS")] = "",
     force: Force = False,
 ) -> None:
-    """Results → what a museum keeps: a bag (BagIt) with SHA-256 of every file, Dublin Core and RO-Crate.
+    """Results → what a museum keeps: a bag (BagIt) with SHA-256 of every file, Dublin Core, RO-Crate, pictures.
 
     Who, where, licence and camera are asked once, on a terminal, and kept in a profile that you may edit.
 
@@ -36,13 +37,15 @@ def archive(
         pack: copy the originals into the bag, too.
         profile: TOML with creator, institution, licence, place, contact, camera, lens, lamps (default: in your folder
             of settings).
+        iiif: address at which the folder data/iiif of the bag will be served, such as https://museum.org/iiif/1889.12:
+            it gets tiles of the pictures and a manifest, for viewers of IIIF.
     """
     place = profile_place() if profile is None else profile
     known = known_profile(place, input if sys.stdin is not None and sys.stdin.isatty() else None)
     with progress_bar("archive") as progress:
         holdings = hg.archive(
             results, out, known, inventory=inventory, title=title, photographed=date, originals=originals, pack=pack,
-            force=force, progress=progress,
+            iiif=iiif, force=force, progress=progress,
         )  # fmt: skip
     kept = [one for one in holdings if one.kept]
     size = sum(one.size for one in kept) / 2**20

@@ -1,7 +1,7 @@
 """Archive: results, and what they were made from, as a bag (BagIt 1.0, RFC 8493) with SHA-256 of every file.
 
 Enters: folders and files of results, the originals, and who, where and under which licence. Leaves: a folder in which
-data/ holds the results, `ro-crate-metadata.json`, `dublin_core.xml` and `sources.json`.
+data/ holds the results, pictures of them, `ro-crate-metadata.json`, `dublin_core.xml` and `sources.json`.
 """
 
 from __future__ import annotations
@@ -16,8 +16,10 @@ from hagoromo.files.record import write_json, written_by
 from hagoromo.files.whole import whole_folder, write_text
 from hagoromo.progress import Progress, silent
 from hagoromo_formats.archive.bag import PAYLOAD, make_bag
-from hagoromo_formats.archive.holdings import Holding, copied, referenced
+from hagoromo_formats.archive.holdings import Holding, copied, holding, referenced
+from hagoromo_formats.archive.iiif import FOLDER, MANIFEST, check_address, manifest, write_tiles
 from hagoromo_formats.archive.metadata import CRATE, DUBLIN_CORE, ORIGINALS, SOURCES, ArchivedObject, crate, dublin_core
+from hagoromo_formats.archive.pictures import PICTURES, pictures_of, write_picture, xmp_packet
 from hagoromo_formats.archive.profile import ArchiveProfile
 
 
@@ -31,6 +33,7 @@ def archive(
     photographed: str = "",
     originals: Sequence[str | Path] = (),
     pack: bool = False,
+    iiif: str = "",
     force: bool = False,
     progress: Progress = silent,
 ) -> tuple[Holding, ...]:
@@ -38,7 +41,8 @@ def archive(
 
     inventory: number of the object. title: what it is called (default: its number). photographed: date of the
     photographs, ISO 8601. originals: captures and photographs that the results were made from: each is named with its
-    digest, and with `pack` copied, too.
+    digest, and with `pack` copied, too. iiif: address at which the folder data/iiif will be served: it gets a manifest
+    and tiles of the pictures; "": none.
     `InputError` for what is missing, links, names that occur twice, and a date that is none.
     """
     if profile.missing:
@@ -46,6 +50,7 @@ def archive(
     if not inventory.strip():
         raise InputError("no inventory number: an archive needs the number of the object; give --inventory")
     thing = ArchivedObject(inventory, title or inventory, _date(photographed), _today())
+    address = check_address(iiif) if iiif else ""
     if not results:
         raise InputError("nothing to archive: give folders or files of results")
     with whole_folder(out, force) as home:
@@ -57,16 +62,33 @@ def archive(
             holdings += copied([Path(one) for one in originals], payload, ORIGINALS)
         elif originals:
             holdings += referenced([Path(one) for one in originals])
-        progress(0.6, "metadata")
         names = {one.path.split("/")[0] for one in holdings if one.kept}
-        if taken := names & {CRATE, DUBLIN_CORE, SOURCES}:
-            raise InputError(f"a result is called {min(taken)}, as a file of the archive is: rename it")
+        if taken := names & {CRATE, DUBLIN_CORE, SOURCES, PICTURES[:-1], FOLDER[:-1]}:
+            raise InputError(f"a result is called {min(taken)}, as a file or folder of the archive is: rename it")
+        progress(0.3, "pictures")
+        holdings += _pictures([one.path for one in holdings if one.kept], payload, (thing, profile), address)
+        progress(0.6, "metadata")
         write_json(payload / SOURCES, {"hagoromo": written_by(), "files": [asdict(one) for one in holdings]})
         write_text(payload / DUBLIN_CORE, dublin_core(thing, profile, holdings))
         write_text(payload / CRATE, crate(thing, profile, holdings, payload))
         progress(0.8, "bag")
         make_bag(home, _bag_info(thing, profile))
     return tuple(holdings)
+
+
+def _pictures(
+    kept: Sequence[str], payload: Path, said: tuple[ArchivedObject, ArchiveProfile], address: str
+) -> list[Holding]:
+    """Write pictures of results with ICC and XMP, with an address also tiles and a manifest; what was written."""
+    tiled = []
+    for name, pixels in pictures_of([one for one in kept if not one.startswith(ORIGINALS)], payload):
+        write_picture(payload / PICTURES / f"{name}.png", pixels, xmp_packet(name, *said))
+        if address:
+            tiled.append(write_tiles(name, pixels, payload / FOLDER, address))
+    if tiled:
+        write_text(payload / FOLDER / MANIFEST, manifest(tiled, *said, address))
+    made = [file for folder in (PICTURES, FOLDER) for file in sorted((payload / folder).rglob("*")) if file.is_file()]
+    return [holding(file, file.relative_to(payload).as_posix(), True) for file in made]
 
 
 def _bag_info(thing: ArchivedObject, profile: ArchiveProfile) -> dict[str, str]:

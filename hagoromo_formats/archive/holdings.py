@@ -44,14 +44,14 @@ def copied(sources: Sequence[Path], home: Path, within: str = "") -> list[Holdin
             target = home / name / relative if relative else home / name
             target.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(file, target)
-            found.append(_holding(target, f"{name}/{relative}" if relative else name, True))
+            found.append(holding(target, f"{name}/{relative}" if relative else name, True))
     return found
 
 
 def referenced(sources: Sequence[Path]) -> list[Holding]:
     """Files that stay where they are, known by name and digest."""
     return [
-        _holding(file, f"{source.resolve().name}/{relative}" if relative else source.resolve().name, False)
+        holding(file, f"{source.resolve().name}/{relative}" if relative else source.resolve().name, False)
         for source in sources
         for file, relative in _files(source)
     ]
@@ -83,5 +83,6 @@ def _files(source: Path) -> list[tuple[Path, str]]:
     return [(file, file.relative_to(source).as_posix()) for file in found]
 
 
-def _holding(file: Path, path: str, kept: bool) -> Holding:
+def holding(file: Path, path: str, kept: bool) -> Holding:
+    """A file with its size and digest."""
     return Holding(path, file.stat().st_size, sha256(file), kept)

@@ -1,15 +1,20 @@
 """Archives: bags that the BagIt library validates and RO-Crates that its library reads, or one line of refusal."""
 
 import hashlib
+import io
 import json
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+import numpy as np
 import pytest
+from PIL import Image, ImageCms
 
 import hagoromo as hg
 from hagoromo.app.cli import main
+from hagoromo.files.exr import write_exr
+from hagoromo.files.png import write_png
 
 PROFILE = {"creator": "Ada Müller", "institution": "Museum of Robes", "licence": "CC-BY-4.0", "camera": "EOS R5"}
 DC = "{http://purl.org/dc/elements/1.1/}"
@@ -180,3 +185,78 @@ def test_what_cannot_be_archived_is_refused_in_one_line(home, capsys):
         assert said in error and error.count("\n") == 1 and not (home / "out").exists()
     assert main(["archive", page, *complete, "--out", str(home / "out")]) == 0
     assert Path(home / "out" / "data" / "page.html").exists()
+
+
+@pytest.fixture
+def pictured(home):
+    """With a picture of odd size and normals, as a measurement has them."""
+    random = np.random.default_rng(5)
+    wide = np.kron(random.integers(0, 255, (9, 17, 3)), np.ones((130, 70, 1))).astype(np.uint8)[:1101, :1187]
+    write_png(home / "measured" / "raking 1.png", wide, srgb=True)
+    normals = np.zeros((23, 31, 3), np.float32)
+    normals[..., 2] = 1.0
+    write_exr(home / "measured" / "normals.exr", {f"N.{axis}": normals[..., k] for k, axis in enumerate("XYZ")})
+    return home, wide
+
+
+def test_pictures_have_their_profile_and_who_made_them(pictured):
+    home, wide = pictured
+    _archived(home)
+    made = Image.open(home / "bag" / "data" / "pictures" / "measured" / "raking 1.png")
+    assert np.array_equal(np.array(made), wide)
+    assert ImageCms.ImageCmsProfile(io.BytesIO(made.info["icc_profile"])).profile.xcolor_space.strip() == "RGB"
+    packet = ElementTree.fromstring(made.info["XML:com.adobe.xmp"].split("?>", 1)[1].rsplit("<?", 1)[0])
+    said = {element.tag.split("}")[1]: " ".join(element.itertext()) for element in packet.iter()}
+    assert said["creator"] == "Ada Müller" and said["identifier"] == "1889.12"
+    assert said["WebStatement"] == "https://spdx.org/licenses/CC-BY-4.0"
+    normals = np.array(Image.open(home / "bag" / "data" / "pictures" / "measured" / "normals.png"))
+    assert normals.shape == (23, 31, 3) and (normals == (128, 128, 255)).all()
+    assert not (home / "bag" / "data" / "iiif").exists()
+
+
+def test_tiles_of_iiif_are_the_picture(pictured):
+    """As a viewer of level 0 reads them: by the sizes and scale factors of info.json alone."""
+    home, wide = pictured
+    _archived(home, iiif="https://museum.org/iiif/1/")
+    folder = home / "bag" / "data" / "iiif" / "measured" / "raking 1"
+    info = hg.read_json(folder / "info.json")
+    assert info["id"] == "https://museum.org/iiif/1/measured/raking%201"
+    assert (info["width"], info["height"]) == (1187, 1101)
+    tile = info["tiles"][0]["width"]
+    for factor in info["tiles"][0]["scaleFactors"]:
+        shown = np.zeros((-(-1101 // factor), -(-1187 // factor), 3))
+        for y in range(0, 1101, tile * factor):
+            for x in range(0, 1187, tile * factor):
+                w, h = min(tile * factor, 1187 - x), min(tile * factor, 1101 - y)
+                size = -(-w // factor), -(-h // factor)
+                region = "full" if (w, h) == (1187, 1101) else f"{x},{y},{w},{h}"
+                part = np.array(Image.open(folder / region / f"{size[0]},{size[1]}" / "0" / "default.jpg"))
+                assert part.shape[:2] == size[::-1]
+                shown[y // factor : y // factor + size[1], x // factor : x // factor + size[0]] = part
+        means = wide.astype(float)[: shown.shape[0] * factor, : shown.shape[1] * factor].mean((0, 1))
+        assert np.abs(shown.mean((0, 1)) - means).max() < 1.0
+        if factor == 1:
+            assert np.sqrt(np.mean((shown - wide) ** 2)) < 4.0  # JPEG
+    for size in info["sizes"]:
+        assert (folder / "full" / f"{size['width']},{size['height']}" / "0" / "default.jpg").is_file()
+
+
+def test_a_manifest_of_iiif_is_read_by_a_library(pictured):
+    home, _ = pictured
+    _archived(home, iiif="https://museum.org/iiif/1")
+    text = (home / "bag" / "data" / "iiif" / "manifest.json").read_text(encoding="utf-8")
+    record = json.loads(text)
+    assert record["rights"] == "http://creativecommons.org/licenses/by/4.0/"
+    canvases = {one["label"]["none"][0]: one for one in record["items"]}
+    assert set(canvases) == {"measured/raking 1", "measured/normals"}
+    body = canvases["measured/normals"]["items"][0]["items"][0]["body"]
+    at = body["id"].removeprefix("https://museum.org/iiif/1/")
+    assert (home / "bag" / "data" / "iiif" / at).is_file()
+    prezi = pytest.importorskip("iiif_prezi3", reason="asks for an older Pillow")
+    prezi.Manifest(**record)
+
+
+@pytest.mark.parametrize("address", ["museum.org/1", "ftp://museum.org", "https://museum.org/1?x=2"])
+def test_an_address_of_iiif_that_is_none_is_refused(home, address):
+    with pytest.raises(hg.InputError, match="--iiif is"):
+        _archived(home, iiif=address)

@@ -1,0 +1,121 @@
+"""Pictures: those of results as people look at them, each with its colour profile (ICC) and who made it (XMP).
+
+Enters: the pictures among archived files, and body colours and normals of a measurement. Leaves: PNG in sRGB, 8 bits,
+in a folder of the archive, see also `iiif`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.errors import InputError
+from hagoromo.files.exr import read_exr
+from hagoromo.files.icc import SRGB, icc_profile
+from hagoromo.image.any_picture import read_any_picture
+from hagoromo.image.shown import srgb_values
+from hagoromo.version import __version__
+from hagoromo_formats.archive.metadata import ArchivedObject, licence_address
+from hagoromo_formats.archive.profile import ArchiveProfile
+
+PICTURES = "pictures/"  # folder of the payload
+SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
+BODY, NORMALS = "body.exr", "normals.exr"  # of a measurement
+NO_PICTURES = ("labels.png",)  # whose values are numbers of materials
+RDF = "http://www.w3.org/1999/02/22-rdf-syntax-ns#"
+SPACES = {
+    "rdf": RDF, "x": "adobe:ns:meta/", "dc": "http://purl.org/dc/elements/1.1/",
+    "xmp": "http://ns.adobe.com/xap/1.0/", "xmpRights": "http://ns.adobe.com/xap/1.0/rights/",
+}  # fmt: skip
+IDENTIFIER = "W5M0MpCehiHzreSzNTczkc9d"  # of the packets of XMP, the same in all files
+
+
+def pictures_of(names: list[str], payload: Path) -> Iterator[tuple[str, NDArray[np.uint8]]]:
+    """Pictures among files of an archive, (height, width, 1 or 3) in sRGB, each with its name without suffix.
+
+    What is called a picture and cannot be read as one is left out: an archive keeps it as it is.
+    """
+    taken: set[str] = set()
+    for name in names:
+        path = payload / name
+        try:
+            if path.name == NORMALS:
+                shown = _normals(path)
+            elif path.name == BODY:
+                shown = _body(path)
+            elif path.suffix.lower() in SUFFIXES and path.name not in NO_PICTURES:
+                picture = read_any_picture(path)
+                shown = picture.values if picture.displayed else srgb_values(picture.values)
+            else:
+                continue
+        except InputError:
+            continue
+        if shown is not None:
+            called = name.removesuffix(path.suffix)
+            called = f"{called}_{path.suffix[1:]}" if called in taken else called  # of another file of that name
+            taken.add(called)
+            yield called, np.round(255.0 * np.clip(shown, 0.0, 1.0)).astype(np.uint8)
+
+
+def write_picture(path: Path, pixels: NDArray[np.uint8], xmp: str) -> None:
+    """Write a PNG with the profile of sRGB and a packet of XMP."""
+    from PIL import Image
+    from PIL.PngImagePlugin import PngInfo
+
+    text = PngInfo()
+    text.add_itxt("XML:com.adobe.xmp", xmp)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    flat = pixels[..., 0] if pixels.shape[2] == 1 else pixels
+    profile = None if flat.ndim == 2 else icc_profile(SRGB)  # which is of three channels
+    Image.fromarray(flat).save(path, "PNG", pnginfo=text, icc_profile=profile, optimize=False)
+
+
+def xmp_packet(name: str, thing: ArchivedObject, profile: ArchiveProfile) -> str:
+    """Who made a picture, of what, under which licence (ISO 16684-1)."""
+    for prefix, space in SPACES.items():
+        ElementTree.register_namespace(prefix, space)
+    root = ElementTree.Element(_tag("x", "xmpmeta"))
+    about = ElementTree.SubElement(
+        ElementTree.SubElement(root, _tag("rdf", "RDF")), _tag("rdf", "Description"), {_tag("rdf", "about"): ""}
+    )
+    for key, text, kind in (
+        ("title", f"{thing.title}: {name}", "Alt"),
+        ("description", thing.description, "Alt"),
+        ("creator", profile.creator, "Seq"),
+        ("rights", f"{profile.institution}, {profile.licence}", "Alt"),
+    ):
+        listed = ElementTree.SubElement(ElementTree.SubElement(about, _tag("dc", key)), _tag("rdf", kind))
+        attributes = {"{http://www.w3.org/XML/1998/namespace}lang": "x-default"} if kind == "Alt" else {}
+        ElementTree.SubElement(listed, _tag("rdf", "li"), attributes).text = text
+    ElementTree.SubElement(about, _tag("dc", "identifier")).text = thing.inventory
+    ElementTree.SubElement(about, _tag("xmpRights", "WebStatement")).text = licence_address(profile.licence)
+    ElementTree.SubElement(about, _tag("xmp", "CreatorTool")).text = f"Hagoromo {__version__}"
+    packet = ElementTree.tostring(root, encoding="unicode")
+    return f'<?xpacket begin="\ufeff" id="{IDENTIFIER}"?>{packet}<?xpacket end="r"?>'
+
+
+def _tag(prefix: str, name: str) -> str:
+    return f"{{{SPACES[prefix]}}}{name}"
+
+
+def _normals(path: Path) -> NDArray[np.float64] | None:
+    """Normals as colours, (n + 1) / 2; black where they are unknown."""
+    layers, _ = read_exr(path)
+    if not {"N.X", "N.Y", "N.Z"} <= set(layers):
+        return None
+    normals = np.stack([layers[f"N.{axis}"] for axis in "XYZ"], axis=2).astype(np.float64)
+    known = np.isfinite(normals).all(axis=2, keepdims=True) & (np.abs(normals).sum(axis=2, keepdims=True) > 0.0)
+    return np.where(known, 0.5 * normals + 0.5, 0.0)
+
+
+def _body(path: Path) -> NDArray[np.float64] | None:
+    """Albedo π α c_b, in sRGB."""
+    layers, _ = read_exr(path)
+    names = [name for name in layers if not name.startswith("error.")]
+    if len(names) not in (1, 3):
+        return None
+    return srgb_values(np.pi * np.nan_to_num(np.stack([layers[name] for name in names], axis=2).astype(np.float64)))
