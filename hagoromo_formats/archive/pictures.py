@@ -6,6 +6,7 @@ in a folder of the archive, see also `iiif`.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from xml.etree import ElementTree
@@ -25,7 +26,7 @@ from hagoromo_formats.archive.profile import ArchiveProfile
 PICTURES = "pictures/"  # folder of the payload
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 BODY, NORMALS = "body.exr", "normals.exr"  # of a measurement
-NO_PICTURES = ("labels.png",)  # whose values are numbers of materials
+NO_PICTURES = re.compile(r"(labels|residual_\d+)\.png")  # numbers of materials, and what a fit leaves
 RDF = "http://www.w3.org/1999/02/22-rdf-syntax-ns#"
 SPACES = {
     "rdf": RDF, "x": "adobe:ns:meta/", "dc": "http://purl.org/dc/elements/1.1/",
@@ -47,7 +48,7 @@ def pictures_of(names: list[str], payload: Path) -> Iterator[tuple[str, NDArray[
                 shown = _normals(path)
             elif path.name == BODY:
                 shown = _body(path)
-            elif path.suffix.lower() in SUFFIXES and path.name not in NO_PICTURES:
+            elif path.suffix.lower() in SUFFIXES and not NO_PICTURES.fullmatch(path.name):
                 picture = read_any_picture(path)
                 shown = picture.values if picture.displayed else srgb_values(picture.values)
             else:
