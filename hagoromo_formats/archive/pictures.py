@@ -27,6 +27,7 @@ PICTURES = "pictures/"  # folder of the payload
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 BODY, NORMALS = "body.exr", "normals.exr"  # of a measurement
 NO_PICTURES = re.compile(r"(labels|residual_\d+)\.png")  # numbers of materials, and what a fit leaves
+WHITE_AT = 99.5  # per cent of body colours that are darker than the white of their picture, at least
 RDF = "http://www.w3.org/1999/02/22-rdf-syntax-ns#"
 SPACES = {
     "rdf": RDF, "x": "adobe:ns:meta/", "dc": "http://purl.org/dc/elements/1.1/",
@@ -114,9 +115,12 @@ def _normals(path: Path) -> NDArray[np.float64] | None:
 
 
 def _body(path: Path) -> NDArray[np.float64] | None:
-    """Albedo π α c_b, in sRGB."""
+    """Albedo π α c_b, in sRGB; where lamps of unknown strength make it brighter than white, darker by one factor."""
     layers, _ = read_exr(path)
-    names = [name for name in layers if not name.startswith("error.")]
+    names = list("RGB") if set("RGB") <= set(layers) else [name for name in layers if not name.startswith("error.")]
     if len(names) not in (1, 3):
         return None
-    return srgb_values(np.pi * np.nan_to_num(np.stack([layers[name] for name in names], axis=2).astype(np.float64)))
+    albedo = np.pi * np.nan_to_num(np.stack([layers[name] for name in names], axis=2).astype(np.float64))
+    known = albedo[(albedo > 0.0).any(axis=2)]
+    white = np.percentile(known, WHITE_AT) if known.size else 1.0
+    return srgb_values(albedo / max(white, 1.0))

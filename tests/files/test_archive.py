@@ -196,6 +196,8 @@ def pictured(home):
     normals = np.zeros((23, 31, 3), np.float32)
     normals[..., 2] = 1.0
     write_exr(home / "measured" / "normals.exr", {f"N.{axis}": normals[..., k] for k, axis in enumerate("XYZ")})
+    body = np.full((23, 31, 3), (0.3, 0.2, 0.1), np.float32) / np.pi
+    write_exr(home / "measured" / "body.exr", {name: body[..., k] for k, name in enumerate("RGB")})
     return home, wide
 
 
@@ -211,6 +213,8 @@ def test_pictures_have_their_profile_and_who_made_them(pictured):
     assert said["WebStatement"] == "https://spdx.org/licenses/CC-BY-4.0"
     normals = np.array(Image.open(home / "bag" / "data" / "pictures" / "measured" / "normals.png"))
     assert normals.shape == (23, 31, 3) and (normals == (128, 128, 255)).all()
+    body = np.array(Image.open(home / "bag" / "data" / "pictures" / "measured" / "body.png"))
+    assert body[0, 0].tolist() == hg.srgb_encode(np.array([0.3, 0.2, 0.1])).tolist()
     assert not (home / "bag" / "data" / "iiif").exists()
 
 
@@ -248,7 +252,7 @@ def test_a_manifest_of_iiif_is_read_by_a_library(pictured):
     record = json.loads(text)
     assert record["rights"] == "http://creativecommons.org/licenses/by/4.0/"
     canvases = {one["label"]["none"][0]: one for one in record["items"]}
-    assert set(canvases) == {"measured/raking 1", "measured/normals"}
+    assert set(canvases) == {"measured/raking 1", "measured/normals", "measured/body"}
     body = canvases["measured/normals"]["items"][0]["items"][0]["body"]
     at = body["id"].removeprefix("https://museum.org/iiif/1/")
     assert (home / "bag" / "data" / "iiif" / at).is_file()
