@@ -1,7 +1,8 @@
 """Errors of a solved surface, and their files: variance.exr has the whole and the own, shared_errors.exr the shared.
 
     variance.exr        normal, distance: all errors of a pixel [rad², m²]; own.normal, own.distance: those that are
-                        independent between pixels
+                        independent between pixels; sums.normal: those as they count in sums over pixels, where normals
+                        were smoothed
     shared_errors.exr   NN.N.X, NN.N.Y, NN.N.Z [rad], NN.distance [m] of mode NN = 01, 02, …
 
 Of photographs that were solved in tiles the modes are those of squares of pixels, as many as fit in whole.
@@ -24,6 +25,7 @@ from hagoromo.files.exr import read_exr, write_exr
 VARIANCE, SHARED_ERRORS = "variance.exr", "shared_errors.exr"
 UNKNOWN_VARIANCE = np.finfo(np.float32).max  # stands in variance.exr for an infinite one; older files have infinity
 OWN = "own."
+SUMMED = "sums.normal"
 MOST_MODES = 99
 Map = NDArray[np.floating]
 
@@ -55,8 +57,13 @@ class SharedErrors:
         return float(np.sum(normals**2)), float(np.sum(distances**2))
 
 
-def write_errors(home: Path, variances: tuple[Map | None, Map | None], shared: SharedErrors | None) -> None:
-    """Write variance.exr and, where there are shared errors, shared_errors.exr; nothing without variances."""
+def write_errors(
+    home: Path, variances: tuple[Map | None, Map | None], shared: SharedErrors | None, summed: Map | None = None
+) -> None:
+    """Write variance.exr and, where there are shared errors, shared_errors.exr; nothing without variances.
+
+    summed: `summed_variance` of a Measurement.
+    """
     normal, distance = variances
     if normal is None or distance is None:
         return
@@ -65,6 +72,8 @@ def write_errors(home: Path, variances: tuple[Map | None, Map | None], shared: S
         for (name, whole), part in zip(tuple(channels.items()), shared.variances, strict=True):
             channels[OWN + name] = np.maximum(whole - _of_squares(part[None], whole.shape)[0], 0.0)
         write_exr(home / SHARED_ERRORS, _channels_of(shared))
+    if summed is not None:
+        channels[SUMMED] = summed
     write_exr(home / VARIANCE, {name: np.minimum(one, UNKNOWN_VARIANCE) for name, one in channels.items()})
 
 

@@ -257,6 +257,7 @@ def with_solved_shape(capture: Capture, normals: NormalMap, surface: DepthSurfac
         ),
         normal_variance=normals.variance,
         distance_variance=surface.variance,
+        summed_variance=None if normals.fit.smooth is None else normals.own_variance,
         shared_errors=None if modes is None or surface.modes is None else SharedErrors(modes, surface.modes),
         capture=replace(capture, points=surface.points, normals=normals.normals),
         normal_map=normals,

@@ -18,6 +18,7 @@ from hagoromo.files.png import read_png, write_png
 from hagoromo.files.record import ForeignRecord, about, decode, read_json, write_json, written_by
 from hagoromo.measurement.error_files import (
     SHARED_ERRORS,
+    SUMMED,
     UNKNOWN_VARIANCE,
     VARIANCE,
     read_shared_errors,
@@ -59,7 +60,7 @@ def write_measurement(measurement: Measurement, home: Path) -> None:
     if measurement.fine is None:
         _write_surface(home, measurement.labels, measurement.normals, measurement.points)
         variances = measurement.normal_variance, measurement.distance_variance
-        write_errors(home, variances, measurement.shared_errors)
+        write_errors(home, variances, measurement.shared_errors, measurement.summed_variance)
         if measurement.body is not None:
             write_exr(home / "body.exr", _body_channels(measurement.body, measurement.normal_variance is not None))
     else:
@@ -115,7 +116,8 @@ def read_measurement(home: Path) -> Measurement:
     """The measurement in the folder `home`; see `Measurement.load`."""
     surface = read_surface(home)
     stored = read_maps(inside(home, VARIANCE), VARIANCE_CHANNELS, surface)
-    variances = [np.where(one < UNKNOWN_VARIANCE, one, np.inf) for one in stored] if stored else [None, None]
+    summed = read_maps(inside(home, VARIANCE), (SUMMED,), surface, optional=True) or ()
+    variances = [np.where(one < UNKNOWN_VARIANCE, one, np.inf) for one in (stored or ())]
     spectra = inside(home, "body_spectra.json")
     writer = decode(read_json(inside(home, "materials.json"))[0], MaterialRecord, "materials.json").hagoromo
     return Measurement(
@@ -128,8 +130,9 @@ def read_measurement(home: Path) -> Measurement:
         _read_body(home, surface),
         _read_separation(home),
         read_body_spectra(spectra) if spectra.is_file() else {},
-        normal_variance=variances[0],
-        distance_variance=variances[1],
+        normal_variance=variances[0] if variances else None,
+        distance_variance=variances[1] if variances else None,
+        summed_variance=np.where(summed[0] < UNKNOWN_VARIANCE, summed[0], np.inf) if summed else None,
         shared_errors=read_shared_errors(inside(home, SHARED_ERRORS), surface.labels.shape),
         settings=writer.settings,
         assumptions=_read_assumptions(inside(home, ASSUMPTIONS)),

@@ -8,11 +8,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from hagoromo.camera.camera import is_unplaced
 from hagoromo.errors import InputError
 from hagoromo.files.whole import whole_file, whole_folder
 from hagoromo.measurement.measurement import Measurement
-from hagoromo.measurement.photographed import Photographed, photographed
+from hagoromo.measurement.photographed import photographed
+from hagoromo.measurement.scale import has_scale
 from hagoromo.photograph.capture import Capture, load_capture
 from hagoromo.progress import Progress, silent
 from hagoromo.reflectance.parameters import losses
@@ -114,14 +114,3 @@ def page_source(measurement: Measurement, capture: Capture | None, name: str = "
     if measurement.health is not None:
         assumptions += tuple(f"Doubtful: {one.name}: {one.said}." for one in measurement.health.doubtful)
     return PageSource(maps, taken, tuple(chosen(fitting, MOST_PHOTOGRAPHS)), assumptions)
-
-
-def has_scale(measurement: Measurement, taken: Photographed) -> bool:
-    """Whether lengths are metres: a distance was given, or lamps and camera say where the object is."""
-    if measurement.settings.get("distance_m") is not None:
-        return True
-    if is_unplaced(taken.camera):
-        return False
-    far = not any(one.near for one in taken.lamps)
-    solved = measurement.normal_variance is not None  # else the shape was given, with its lengths
-    return not (far and solved and not taken.camera.position.any())
