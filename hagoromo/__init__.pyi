@@ -108,6 +108,10 @@ from .measurement.normals.normals import (
 )
 from .measurement.surface.depth import points_from_normals as points_from_normals
 from .measurement.surface.shape import solve_shape as solve_shape
+from .measurement.inspection.profile import HeightProfile as HeightProfile, profile as profile
+from .measurement.inspection.maps import InspectionMaps as InspectionMaps, inspection_maps as inspection_maps
+from .measurement.inspection.curvature import Curvature as Curvature
+from .measurement.inspection.stretch import Stretch as Stretch
 
 from .reflectance.sampling import density_to_lamp as density_to_lamp, sample_to_lamp as sample_to_lamp
 

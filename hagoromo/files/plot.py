@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 import re
 from collections.abc import Mapping
 from typing import Any
@@ -24,6 +25,12 @@ def panels(count: int, width: float, height: float) -> Any:
         axis.tick_params(labelsize=8)
         axis.spines[["top", "right"]].set_visible(False)
     return figure, axes
+
+
+def nice(value: float) -> float:
+    """1, 2 or 5 times a power of ten, at least `value`."""
+    power = 10.0 ** math.floor(math.log10(max(value, 1e-6)))
+    return next(step * power for step in (1.0, 2.0, 5.0, 10.0) if step * power >= value)
 
 
 def svg_text(figure: Any) -> str:

@@ -50,8 +50,8 @@ class Measurement:
     material → spectrum of its body colour, of mean 1 over the channels. lamp_colour: where it was measured.
     normal_variance: (h, w) of the direction of solved normals [rad²]. distance_variance: (h, w) of the distance from
     the camera to solved points [m²]: of all errors. Both are inf where unknown, and None where the shape was given.
-    summed_variance: (h, w) own variance of normals [rad²] as it counts in sums over pixels, where normals were smoothed,
-    so that errors of neighbours are alike. None: as `normal_variance` less what is shared.
+    summed_variance: (h, w) own variance of normals [rad²] as it counts in sums over pixels, where normals were
+    smoothed, so that errors of neighbours are alike. None: as `normal_variance` less what is shared.
     shared_errors: those of both that all pixels share; None where they were not estimated.
     capture: the photographs that were measured, with their shape. fine: full-size maps of photographs that were solved
     in tiles; all else is then of a small capture of means over squares of pixels. normal_map: the photometric fit of a

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from hagoromo.campaigns.change import WORDS, Change, CommonChange
 from hagoromo.campaigns.quantity import Quantity
 from hagoromo.campaigns.region import ChangedRegion
-from hagoromo.files.plot import panels
+from hagoromo.files.plot import nice, panels
 from hagoromo.light.colour import srgb_encode
 from hagoromo_page.report.display import exposure
 from hagoromo_page.report.page import page_picture, thousands, write_page
-from hagoromo_page.report.report_pictures import around, nice, rasterised
+from hagoromo_page.report.report_pictures import around, rasterised
 
 MAP_WIDTH_INCH = 4.6  # inch, of a map
 PICTURE_WIDTH_PX = 420  # px, about, of the pictures of both dates

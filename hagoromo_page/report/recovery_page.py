@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hagoromo.files.plot import nice
 from hagoromo.light.colour import delta_e_2000, srgb_encode
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.recovery.object_view import ObjectView
 from hagoromo.recovery.recovered import Recovered
 from hagoromo_page.report.page import page_picture, write_page
-from hagoromo_page.report.report_pictures import around, map_picture, nice
+from hagoromo_page.report.report_pictures import around, map_picture
 
 MOST_SHOWN = 6  # photographs kept aside that the page shows
 VIEWS = 4  # photographs whose normals the page shows

@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hagoromo.files.plot import nice
 from hagoromo.image.relight.prediction import PREDICTIONS, RELIEF_RIM_PX, Prediction
 from hagoromo.image.relight.relighting import Relighting
 from hagoromo.light.colour import delta_e_2000, srgb_encode
 from hagoromo_page.report.measure_report import report_viewer
 from hagoromo_page.report.page import page_picture, page_viewer, write_page
-from hagoromo_page.report.report_pictures import around, map_picture, nice
+from hagoromo_page.report.report_pictures import around, map_picture
 
 SCALE_PERCENTILE = 95  # percentile of a map that its scale holds
 PHOTOGRAPH_WIDTH_PX = 320  # px, of a small photograph on the page

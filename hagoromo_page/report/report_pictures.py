@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import math
 from typing import Any
 
 import numpy as np
@@ -73,12 +72,6 @@ def fitted_residuals(capture: Capture, measurement: Measurement) -> NDArray:
         values, own = standardised[place], native(photograph)[place]
         residuals.append(values[own & np.isfinite(values)])
     return np.concatenate(residuals)
-
-
-def nice(value: float) -> float:
-    """1, 2 or 5 times a power of ten, at least `value`."""
-    power = 10.0 ** math.floor(math.log10(max(value, 1e-6)))
-    return next(step * power for step in (1.0, 2.0, 5.0, 10.0) if step * power >= value)
 
 
 def map_picture(

@@ -99,7 +99,7 @@ def test_the_error_of_the_curvature_is_the_scatter_of_measured_ones(width):
 
 @pytest.mark.parametrize("slope", [45.0, 60.0])
 def test_the_middle_of_a_groove_sees_the_sky_that_its_walls_leave(slope):
-    """On a wall of a long V-groove it is ½(1 + sin θ), θ the angle from the normal down to the rim of the other wall."""
+    """On a wall of a long V-groove it is ½(1 + sin θ), θ from the normal down to the rim of the other wall."""
     view, half = camera(91, 601, 1e-4, FAR), 3e-3  # ten times as long as wide
     x, y = np.moveaxis(on_plane(view), 2, 0)
     tangent = np.tan(np.radians(slope))

@@ -28,7 +28,7 @@ GRAZING = 0.05  # cosine between normal and line of sight, below which a pixel s
 
 @dataclass(frozen=True, eq=False)
 class Curvature:
-    """value: (h, w) mean curvature [1/unit], NaN where unknown. error: its standard error; None where normals have none.
+    """value: (h, w) mean curvature [1/unit], NaN where unknown. error: its standard error; None: not known.
 
     unit: mm, or px where the scale is unknown. width: of the Gaussian [px].
     """

@@ -94,7 +94,7 @@ def surface_from_normals(
     check_surface(normals, camera, distance)
     known = np.asarray(np.linalg.norm(normals, axis=2) > 0.5)
     rows, columns = np.nonzero(known)
-    net = graph(known, *_slopes(normals, camera, known, variance), LEAST_STEP / float(np.mean(camera.focal)))
+    net = graph_of_normals(normals, camera, known, variance)
     level, weight = np.full(len(rows), np.log(distance)), np.full(len(rows), GAUGE * net.typical)
     if estimate is not None:
         level, weight = _combined(estimate, known, level, weight)
@@ -139,7 +139,7 @@ def anchored_surface(
     check_surface(normals, camera, 1.0)
     known = np.asarray(np.linalg.norm(normals, axis=2) > 0.5)
     rows, columns = np.nonzero(known)
-    net = graph(known, *_slopes(normals, camera, known, variance), LEAST_STEP / float(np.mean(camera.focal)))
+    net = graph_of_normals(normals, camera, known, variance)
     level, sure = log_depth[known], np.isfinite(log_depth[known])
     # a membrane of stiffness w follows its levels over a length √(w/h) pixels
     weight = np.where(sure, net.typical / (2.0 * factor) ** 2, GAUGE * net.typical)
@@ -235,7 +235,7 @@ class Graph:
         part, values = self.open, self.values
         scale = np.minimum(self.step, far / np.sqrt(self.weight))
         for stiff in stiffness:
-            values = self._solver(stiff * part, level_weight)(stiff * self._rhs(part) + level_weight * level)
+            values = self.solver(stiff * part, level_weight)(stiff * self._rhs(part) + level_weight * level)
             part = self.open / (1.0 + ((self.difference @ values - self.wanted) / scale) ** 2)
         return replace(self, values=values, open=part)
 
@@ -243,7 +243,7 @@ class Graph:
         """(P,) variance of the values from simulated errors of edges and levels; without levels, about their mean."""
         random = np.random.default_rng(seed)
         gauge = level_weight + 1e-9 * self.typical
-        solve, root = self._solver(self.open, gauge), np.sqrt(self.weight * self.open)
+        solve, root = self.solver(self.open, gauge), np.sqrt(self.weight * self.open)
         variance = np.zeros(len(level_weight))
         for _ in range(draws):
             error = self.difference.T @ (root * random.normal(size=len(root)))
@@ -253,17 +253,28 @@ class Graph:
 
     def responses(self, slopes: Iterable[Array], level_weight: Array) -> Array:
         """(m, P) changes of the values by changes of the slopes (h, w, 2), each; without levels, about their mean."""
-        solve, found = self._solver(self.open, level_weight + 1e-9 * self.typical), []
+        solve, found = self.solver(self.open, level_weight + 1e-9 * self.typical), []
         weight = self.weight * self.open
         for change in slopes:
             values = solve(self.difference.T @ (weight * _steps(self.known, change)))
             found.append(values if level_weight.any() else values - values.mean())
         return np.array(found).reshape(len(found), len(level_weight))
 
+    def by_slopes(self, by_steps: Array) -> Array:
+        """(P, 2) derivatives by the slopes of each pixel, of what has the derivatives `by_steps` (E,) by the steps."""
+        found, first = np.zeros((int(self.known.sum()), 2)), 0
+        for axis, one, other in NEIGHBOURS:
+            last = first + int((self.known[one] & self.known[other]).sum())
+            for end in (0, 1):
+                np.add.at(found[:, axis], self.pair[first:last, end], 0.5 * by_steps[first:last])
+            first = last
+        return found
+
     def _rhs(self, part: Array) -> Array:
         return self.difference.T @ (self.weight * part * self.wanted)
 
-    def _solver(self, part: Array, level_weight: Array) -> Any:
+    def solver(self, part: Array, level_weight: Array) -> Any:
+        """What solves for values (P,), given right-hand sides; part: share of the weight of each edge."""
         from scipy.sparse import diags_array
         from scipy.sparse.linalg import splu
 
@@ -279,6 +290,34 @@ def _steps(known: NDArray[np.bool_], slopes: Array) -> Array:
         both = known[first] & known[second]
         wanted.append(0.5 * (slopes[first][both][:, axis] + slopes[second][both][:, axis]))
     return np.concatenate(wanted)
+
+
+def graph_of_normals(
+    normals: NDArray[np.floating],
+    camera: Camera,
+    known: NDArray[np.bool_],
+    variance: NDArray[np.floating] | None = None,
+) -> Graph:
+    """The graph whose values are ln depth, of the `known` normals; arguments as `surface_from_normals`."""
+    return graph(known, *_slopes(normals, camera, known, variance), LEAST_STEP / float(np.mean(camera.focal)))
+
+
+def bends(normals: NDArray[np.floating], camera: Camera, known: NDArray[np.bool_]) -> Array:
+    """(E,) standard error of each step of the graph by the trapezoidal rule."""
+    slopes, _ = _slopes(normals, camera, known, None)
+    pairs = ((first, second, axis) for axis, first, second in NEIGHBOURS)
+    return BEND * np.concatenate([(slopes[b] - slopes[a])[known[a] & known[b]][:, axis] for a, b, axis in pairs])
+
+
+def slopes_by_normals(normals: NDArray[np.floating], camera: Camera, known: NDArray[np.bool_]) -> Array:
+    """(P, 2, 3) derivatives of the slopes of the P known pixels by their normals, world axes."""
+    rows, columns = np.nonzero(known)
+    ray, turn = _rays(camera, rows, columns), camera.world_to_camera[:3, :3]
+    n = normals[rows, columns].astype(np.float64) @ turn.T
+    towards = np.minimum(np.einsum("pi,pi->p", n, ray), -STEEPEST)[:, None, None]
+    straight = np.broadcast_to(np.eye(3)[:2], (len(n), 2, 3))
+    by = (n[:, :2, None] * ray[:, None, :] / towards - straight) / towards / np.array(camera.focal)[:, None]
+    return np.asarray(by @ turn)
 
 
 def graph(known: NDArray[np.bool_], slopes: Array, variance: Array, step: float) -> Graph:

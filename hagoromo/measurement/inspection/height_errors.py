@@ -1,0 +1,125 @@
+"""Height errors: how far heights along a line err, relative to the straight line between its ends.
+
+Distances of a solved surface are its normals, integrated over the picture (`surface/depth.py`). The error of one
+normal so moves all that lies around it: distances err far, and neighbours nearly alike. A height over the chord,
+h = d − (1 − s) d₀ − s d₁, is nearly free of that. With A = DᵀWD the matrix of the integration, and c the row that makes
+h of the distances, its change by the normals n is
+
+    ∂h/∂n = cᵀ A⁻¹ Dᵀ W ∂(steps)/∂n,
+
+solved once for each height. The squares of it, times the variances of the normals, add up. Beside them stand the error
+of the trapezoidal rule, as the integration has it, and what all pixels share, whose distances the measurement states.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt, map_coordinates
+
+from hagoromo.measurement.inspection.seen_surface import SeenSurface
+from hagoromo.measurement.surface.depth import GAUGE, Graph, bends, graph_of_normals, slopes_by_normals
+
+Array = NDArray[np.float64]
+MOST_PIXELS = 60_000  # around a line, whose errors are followed; more are averaged over squares
+MARGIN, LEAST_MARGIN = 0.5, 24.0  # of the length of a line, and px: errors beyond it move both ends alike
+HEIGHTS = 48  # along a line, at which errors are solved for; between them they are interpolated
+
+
+class HeightVariance(NamedTuple):
+    """Variances (n,) of heights over the chord [m²]: own, of errors that pixels have of their own, and shared."""
+
+    own: Array
+    shared: Array
+
+
+class Places(NamedTuple):
+    """Places on a line. image: (n, 2) (x, y) [px]. share: (n,) of the chord, from 0 to 1. along: (n,) change of the
+    height by one of the distance from the camera. away: (n,) that distance [m].
+    """
+
+    image: Array
+    share: Array
+    along: Array
+    away: Array
+
+    def of(self, chosen: NDArray[np.intp]) -> Places:
+        """Some of them."""
+        return Places(*(one[chosen] for one in self))
+
+
+def height_variance(surface: SeenSurface, places: Places) -> HeightVariance:
+    """Of heights over the chord from the first to the last of `places`, all on the known part of `surface`, whose
+    errors are known.
+    """
+    share = places.share
+    wanted = 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, HEIGHTS))  # denser at the ends, where errors grow fastest
+    chosen = np.unique(np.searchsorted(share, wanted).clip(0, len(share) - 1))
+    own = np.interp(share, share[chosen], _own(surface, places.of(chosen)))
+    shared = np.zeros(len(share))
+    for mode in () if surface.shared is None else surface.shared.distance:
+        moved = places.along * _between(mode.astype(np.float64), surface.known, places.image)
+        shared += (moved - (1.0 - share) * moved[0] - share * moved[-1]) ** 2
+    return HeightVariance(own, shared)
+
+
+def _own(surface: SeenSurface, places: Places) -> Array:
+    """(n,) own variance [m²]."""
+    near, corner, step = _around(surface, places.image)
+    net = graph_of_normals(near.normals, near.camera, near.known, near.own_variance)
+    level = np.log(near.away[near.known])
+    net = net.settled(level, np.full(len(level), GAUGE * net.typical))
+    solve = net.solver(net.open, np.full(len(level), GAUGE * net.typical))
+    turns = slopes_by_normals(near.normals, near.camera, near.known)
+    # a slope changes less from pixel to pixel than from square to square
+    weight, bend = net.weight * net.open, (bends(near.normals, near.camera, near.known) / step) ** 2
+    assert near.summed_variance is not None
+    half = 0.5 * near.summed_variance[near.known]  # of a turn about one axis
+    found = np.zeros(len(places.share))
+    for k, row in enumerate(_rows(net, (places.image - corner) / step, places)):
+        steps = weight * (net.difference @ solve(row))
+        by_turn = np.einsum("pa,pai->pi", net.by_slopes(steps), turns)
+        found[k] = float(half @ np.sum(by_turn**2, axis=1)) + float(bend @ steps**2)
+    if step > 1:  # of waves shorter than two squares: ∫ v/k² d²k/4π², v the variance of a slope
+        short = np.log(step) / (2.0 * np.pi) * float(np.mean(half)) * (step * surface.pitch) ** 2
+        ends = (1.0 - places.share) ** 2 + places.share**2
+        found += np.where((places.share > 0.0) & (places.share < 1.0), short * places.along**2 * (1.0 + ends), 0.0)
+    return found
+
+
+def _around(surface: SeenSurface, image: Array) -> tuple[SeenSurface, Array, int]:
+    """The surface around a line, its corner (x, y) [px], and how many pixels one of it is wide."""
+    margin = max(MARGIN * float(np.linalg.norm(image[-1] - image[0])), LEAST_MARGIN)
+    low = np.maximum(np.floor(image.min(axis=0) - margin), 0.0).astype(int)
+    high = np.minimum(np.ceil(image.max(axis=0) + margin), surface.known.shape[::-1]).astype(int)
+    part = surface.part(slice(low[1], high[1]), slice(low[0], high[0]))
+    step = max(int(np.ceil(np.sqrt(part.known.sum() / MOST_PIXELS))), 1)
+    return part.averaged(step), low.astype(np.float64), step
+
+
+def _rows(net: Graph, at: Array, places: Places) -> Array:
+    """(n, P) that make heights of ln distances of the pixels of the graph."""
+    index = np.full(net.known.shape, -1)
+    index[net.known] = np.arange(net.known.sum())
+    nearest = np.asarray(distance_transform_edt(~net.known, return_distances=False, return_indices=True))
+    height, width = net.known.shape
+    rows = np.zeros((len(at), int(net.known.sum())))
+    low = np.floor(at - 0.5).astype(int)
+    for down in (0, 1):
+        for right in (0, 1):
+            corner = low + np.array([right, down])
+            share = np.prod(1.0 - np.abs(at - 0.5 - corner), axis=1)
+            r, c = np.clip(corner[:, 1], 0, height - 1), np.clip(corner[:, 0], 0, width - 1)
+            pixel = index[nearest[0][r, c], nearest[1][r, c]]
+            np.add.at(rows, (np.arange(len(at)), pixel), share * places.along * places.away)
+    return rows - (1.0 - places.share)[:, None] * rows[:1] - places.share[:, None] * rows[-1:]
+
+
+def _between(values: Array, known: NDArray[np.bool_], image: Array) -> Array:
+    """(n,) of a map (h, w) at places (x, y) [px], between its known pixels."""
+    place = np.stack([image[:, 1], image[:, 0]]) - 0.5
+    weight = np.asarray(map_coordinates(known.astype(np.float64), place, order=1, mode="nearest"))
+    total = np.asarray(map_coordinates(np.where(known, values, 0.0), place, order=1, mode="nearest"))
+    return total / np.maximum(weight, 1e-9)
