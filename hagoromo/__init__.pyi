@@ -193,6 +193,7 @@ from hagoromo_formats.relightable.export import export as export
 # A page that can be sent round, the viewer in a notebook, reports
 from hagoromo_page.publication.publish import Published as Published, publish as publish
 from hagoromo_page.publication.publish_scene import PublishedScene as PublishedScene, publish_scene as publish_scene
+from hagoromo_page.raking import RakingFilm as RakingFilm, raking as raking
 from hagoromo_page.viewer.notebook import Shown as Shown, show as show
 from hagoromo_page.report.measure_report import write_measure_report as write_measure_report
 from hagoromo_page.report.change_page import write_change_report as write_change_report

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.files.exr import write_exr
-from hagoromo.files.plot import nice
 from hagoromo.files.png import write_png
 from hagoromo.files.record import write_json
 from hagoromo.measurement.inspection.maps import InspectionMaps
@@ -20,6 +19,7 @@ RECORD = "maps.json"
 LEAST_WIDTH = 480  # px of a picture; smaller ones are shown with pixels as many times as wide
 STRIP_INCH, DPI = 0.5, 100  # height of the scale
 BENT_PERCENTILE, OPEN_PERCENTILE = 98.0, 1.0  # of the pixels, that the scales of curvature and occlusion hold
+LEAST_BENT = 1e-6  # of the unit: the scale of a plane
 UNKNOWN = (0.85, 0.85, 0.83)  # colour of what is unknown
 BENT_COLOURS, OPEN_COLOURS = "RdBu_r", "gray"
 STEP = 0.05  # of the sky: to which the darkest end of the scale is rounded
@@ -46,9 +46,13 @@ def write_maps(maps: InspectionMaps, home: Path) -> None:
 
 
 def curvature_limit(maps: InspectionMaps) -> float:
-    """Curvature at the ends of the scale."""
+    """Curvature at the ends of the scale, one digit."""
     bent = np.abs(maps.curvature.value[np.isfinite(maps.curvature.value)])
-    return nice(float(np.percentile(bent, BENT_PERCENTILE))) if len(bent) else 1.0
+    if not len(bent):
+        return 1.0
+    found = max(float(np.percentile(bent, BENT_PERCENTILE)), LEAST_BENT)
+    power = 10.0 ** np.floor(np.log10(found))
+    return float(power * np.ceil(found / power - 1e-9))
 
 
 def occlusion_limit(maps: InspectionMaps) -> float:

@@ -59,7 +59,7 @@ class InspectionMaps:
             spread, noise = self.stretch.deviations, self.stretch.noise
             last = f"the faintest colours are amplified {spread[0] / spread[-1]:.3g} times more than the strongest"
             said.append(
-                last if noise is None else f"{last}; {100 * min(noise[-1], 1.0):.2g} % of their variance is noise"
+                last if noise is None else f"{last}; {100 * min(noise[-1], 1.0):.0f} % of their variance is noise"
             )
         return tuple(said)
 
