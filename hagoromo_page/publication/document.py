@@ -17,23 +17,26 @@ from hagoromo.files.sources import sources
 from hagoromo.version import __version__
 
 FOLDER = "page"
-STACK_MARK = "// <stack.js>\n"
+PARTS = ("stack.js", "profile.js")  # of viewer.js, which stand where it names them
 WIDE = 2.0  # width of a picture over its height, from which its controls stand below it
 ABOUT = "Measured from photographs; lit as it was measured."
 
 
 @dataclass(frozen=True, eq=False)
 class Viewer:
-    """data: what the script reads. tiles: base64 of packed planes by key. photographs: base64 of JPEGs by id."""
+    """data: what the script reads. tiles: base64 of packed planes by key. photographs: base64 of JPEGs by id.
+    more: other packed data by id.
+    """
 
     data: Mapping[str, Any]
     tiles: Mapping[str, str] = field(default_factory=dict)
     photographs: Mapping[str, str] = field(default_factory=dict)
+    more: Mapping[str, str] = field(default_factory=dict)
 
 
 @cache
 def part(name: str) -> str:
-    """A file of the viewer: viewer.js, stack.js, viewer.css, viewer.html, page.css, or a shader (.frag)."""
+    """A file of the viewer: viewer.js, stack.js, profile.js, viewer.css, viewer.html, page.css, or a shader (.frag)."""
     return files("hagoromo_page.publication").joinpath(FOLDER, name).read_text(encoding="utf-8")
 
 
@@ -51,7 +54,7 @@ def viewer_html(viewer: Viewer, alone: bool = False) -> Markup:
         ("hv-data", "application/json", finite_json(data, "the page", separators=(",", ":")).replace("<", "\\u003c"))
     ]
     blocks += [(f"hv-tile-{key}", "text/plain", text) for key, text in viewer.tiles.items()]
-    blocks += [(key, "text/plain", text) for key, text in viewer.photographs.items()]
+    blocks += [(key, "text/plain", text) for key, text in {**viewer.photographs, **viewer.more}.items()]
     held = "\n".join(f'<script type="{kind}" id="{key}">{text}</script>' for key, kind, text in blocks)
     html = part("viewer.html")
     if viewer.data["width"] > WIDE * viewer.data["height"]:
@@ -62,7 +65,9 @@ def viewer_html(viewer: Viewer, alone: bool = False) -> Markup:
 @cache
 def script() -> str:
     """The viewer's script: its parts as one function, which starts when it has been read."""
-    body = part("viewer.js").replace(STACK_MARK, part("stack.js"))
+    body = part("viewer.js")
+    for name in PARTS:
+        body = body.replace(f"// <{name}>\n", part(name))
     return f'"use strict";\n(() => {{\n{body}}})();\n'
 
 
@@ -120,7 +125,9 @@ def _made_from() -> str:
 
 def overhead(viewer: Viewer) -> int:
     """Bytes of the page without its tiles."""
-    return len(document(Viewer(viewer.data, {}, viewer.photographs)).encode()) + 100 * len(viewer.data.get("tiles", ()))
+    return len(document(Viewer(viewer.data, {}, viewer.photographs, viewer.more)).encode()) + 100 * len(
+        viewer.data.get("tiles", ())
+    )
 
 
 def _hash(text: str) -> str:

@@ -20,6 +20,7 @@ from hagoromo.measurement.photographed import Photographed
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
 from hagoromo.reflectance.parameters import EVIDENCE, FITTED_BODY_LAW, losses
+from hagoromo_page.publication.closely import BENT_STOPS, OPEN_STOPS, CloseLook
 from hagoromo_page.publication.colours import PageColours, page_colours
 from hagoromo_page.publication.document import Viewer, overhead
 from hagoromo_page.publication.page_lamps import PageLamp, jpeg_text, middle_of, page_lamp, photograph_picture
@@ -41,6 +42,7 @@ ENTRIES: dict[str, Callable[[MaterialEstimate], Any]] = {
     "lobes": lambda one: [list(lobe) for lobe in one.all_lobes(1.0, 1.0)[1:]],  # in β and γ of the first one
     "grey": lambda one: not has_measured_gloss(one),  # in views of the gloss
 }
+ERRORS = "hv-errors"  # element with the errors of distances
 LEAST_BYTES = 5000  # of a picture
 GENTLE = 0.97  # how much more than needed a picture is reduced
 
@@ -48,13 +50,14 @@ GENTLE = 0.97  # how much more than needed a picture is reduced
 @dataclass(frozen=True, eq=False)
 class PageSource:
     """maps of the object; taken: the camera and lamps they were measured with; photographs: to compare with;
-    assumptions: of the measurement, in words.
+    assumptions: of the measurement, in words. look: what is looked at closely.
     """
 
     maps: SurfaceMaps
     taken: Photographed
     photographs: tuple[Photograph, ...] = ()
     assumptions: tuple[str, ...] = ()
+    look: CloseLook | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +80,8 @@ def single_page(source: PageSource, limit: int) -> ObjectPage:
         made = quantised(maps)
         data, pictures = _data(source, maps, made, width / maps.labels.shape[1], pictures_limit)
         packed = pack_planes(made.planes, maps.known)
-        viewer = Viewer(data | {"tiles": [{"key": "0-0-0", "header": packed.header}]}, {"0-0-0": packed.text}, pictures)
+        tiles = [{"key": "0-0-0", "header": packed.header}]
+        viewer = Viewer(data | {"tiles": tiles}, {"0-0-0": packed.text}, pictures, _errors(source))
         rest = overhead(viewer)
         if rest + len(packed.text) <= limit:
             return ObjectPage(viewer, (maps.labels.shape[1], maps.labels.shape[0]), data["pixel"])
@@ -111,7 +115,12 @@ def tiled_page(source: PageSource, home: Path) -> ObjectPage:
             break
         factor *= 2
     data |= {"levels": levels, "side": TILE_SIDE, "folder": True, "tiles": []}
-    return ObjectPage(Viewer(data, {}, pictures), (width, height), 1.0)
+    return ObjectPage(Viewer(data, {}, pictures, _errors(source)), (width, height), 1.0)
+
+
+def _errors(source: PageSource) -> dict[str, str]:
+    packed = None if source.look is None else source.look.packed
+    return {} if packed is None else {ERRORS: packed.text}
 
 
 def _write_tile(folder: Path, key: str, packed: PackedPlanes) -> None:
@@ -134,6 +143,7 @@ def _data(
     camera = maps.camera
     middle = FLIP @ (camera.world_to_camera[:3, :3] @ middle_of(maps) + camera.world_to_camera[:3, 3])
     views, legend = page_views(maps, made.scales)
+    views += [] if source.look is None else close_views(source.look, made.scales)
     return {
         "title": maps.name,
         "note": _note(maps, pixel),
@@ -159,6 +169,7 @@ def _data(
         "exposure": exposure,
         "views": views,
         "legend": legend,
+        "closely": None if source.look is None else source.look.record(maps.x, maps.y),
     }, pictures
 
 
@@ -293,6 +304,21 @@ def page_views(maps: SurfaceMaps, scales: dict[str, Any]) -> tuple[list[dict[str
         view = _of_error(f"Error: {what}", 6, ends, f"relative standard error {quantity}", key)
         views.append(view | of_gloss if what == "gloss" else view)
     return views, legend
+
+
+def close_views(look: CloseLook, scales: dict[str, Any]) -> list[dict[str, Any]]:
+    """The views of curvature, occlusion and stretched colours."""
+    bent, dark = scales["curvature"][1], scales["occlusion"][0]
+    unit = f"mean curvature [1/{look.unit}]: grooves below 0, ridges above"
+    views = [
+        _scaled("Curvature", 7, f"−{bent:g}", unit, f"{bent:g}") | {"stops": BENT_STOPS},
+        _scaled("Occlusion", 8, f"{100 * dark:.0f} %", "share of the sky that is open", "100 %")
+        | {"stops": OPEN_STOPS},
+    ]
+    if look.stretch is not None:
+        note = "Decorrelation stretch: colours pulled apart as far as they differ. Hues are no longer true."
+        views.append({"label": "Stretched colours", "number": 9, "note": note})
+    return views
 
 
 def _of_error(label: str, number: int, ends: Sequence[str], unit: str, key: str) -> dict[str, Any]:

@@ -16,6 +16,7 @@ from hagoromo.measurement.scale import has_scale
 from hagoromo.photograph.capture import Capture, load_capture
 from hagoromo.progress import Progress, silent
 from hagoromo.reflectance.parameters import losses
+from hagoromo_page.publication.closely import close_look
 from hagoromo_page.publication.document import document
 from hagoromo_page.publication.object_page import PageSource, single_page, tiled_page
 from hagoromo_page.publication.page_lamps import chosen
@@ -70,7 +71,7 @@ def publish(
     target = Path(out)
     source = measured if isinstance(measured, Measurement) else Measurement.load(measured)
     shots = capture if isinstance(capture, Capture) or capture is None else load_capture(capture)
-    found = page_source(source, shots, title)
+    found = page_source(source, shots, title, closely=True)
     progress(0.3, "maps")
     if target.suffix.lower() in (".html", ".htm"):
         page = single_page(found, limit)
@@ -89,8 +90,11 @@ def publish(
     return Published(target, size, width, height, page.reduced, len(page.viewer.photographs), lost)
 
 
-def page_source(measurement: Measurement, capture: Capture | None, name: str = "") -> PageSource:
-    """What a page of `measurement` is made of; see `publish`. name: of the object; "": that of the capture."""
+def page_source(measurement: Measurement, capture: Capture | None, name: str = "", closely: bool = False) -> PageSource:
+    """What a page of `measurement` is made of; see `publish`. name: of the object; "": that of the capture.
+
+    closely: whether with maps and errors to look closely, which take some seconds.
+    """
     shots = capture or measurement.capture
     height, width = (measurement if measurement.fine is None else measurement.fine).labels.shape
     if capture is not None and capture.photographs[0].values.shape[:2] != (height, width):
@@ -107,10 +111,11 @@ def page_source(measurement: Measurement, capture: Capture | None, name: str = "
     camera = taken.camera
     known = measurement.photographed_with  # of the measurement, also where the capture given has no name
     stated = taken.name or ("" if known is None else known.name)
-    maps = surface_maps(measurement, camera, name or stated or UNNAMED, has_scale(measurement, taken))
+    look = close_look(measurement, taken) if closely else None
+    maps = surface_maps(measurement, camera, name or stated or UNNAMED, has_scale(measurement, taken), look)
     fitting = [] if shots is None else [one for one in shots.photographs if one.values.shape[:2] == (height, width)]
     assumed = measurement.assumptions.items()
     assumptions = tuple(f"{what.capitalize()}: {said.removesuffix('.')}." for what, said in assumed)
     if measurement.health is not None:
         assumptions += tuple(f"Doubtful: {one.name}: {one.said}." for one in measurement.health.doubtful)
-    return PageSource(maps, taken, tuple(chosen(fitting, MOST_PHOTOGRAPHS)), assumptions)
+    return PageSource(maps, taken, tuple(chosen(fitting, MOST_PHOTOGRAPHS)), assumptions, look)

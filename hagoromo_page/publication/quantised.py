@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hagoromo.measurement.inspection.map_files import end_of_curvature, end_of_occlusion
 from hagoromo_page.publication.planes import Plane
 from hagoromo_page.publication.surface_maps import Map, SurfaceMaps
 
@@ -20,6 +21,8 @@ STEEPEST = 0.42 * 3.1 * 255  # 8-bit values per δ/γ: sRGB's slope at white tim
 STRETCH = 1.8  # largest angle [rad] that half a step of an octahedral normal turns it by, times 2^bits
 LEAST_BITS, MOST_BITS = 14, 16  # of a normal; at the terminator sRGB is 13 times as steep as in the light
 BODY_BITS, GLOSS_BITS, TAIL_BITS, ERROR_BITS = 10, 12, 8, 8
+CLOSE_TOP = 255  # of curvature and occlusion; 0 is unknown
+CLOSE = ("curvature", "occlusion")
 LEAST_ERROR = 1e-5  # of the logarithmic scales of errors
 ERROR_ENDS = (1.0, 99.0)  # % of the pixels whose errors are below each end of a scale: few wild ones do not stretch it
 
@@ -56,6 +59,12 @@ def quantised(maps: SurfaceMaps, scales: dict[str, Any] | None = None) -> Quanti
     if maps.tail is not None and "tail" in scales:
         low, high = scales["tail"]
         planes["tail"] = _whole(np.clip((maps.tail - low) / (high - low), 0.0, 1.0) * ((1 << TAIL_BITS) - 1))
+    for name in CLOSE:
+        if name in scales:
+            low, high = scales[name]
+            value = getattr(maps, name)
+            share = np.clip((np.nan_to_num(value) - low) / (high - low), 0.0, 1.0)
+            planes[name] = np.where(np.isfinite(value), 1 + np.rint(share * (CLOSE_TOP - 1)), 0).astype(np.uint16)
     for name in ("normal_error", "body_error", "gloss_error"):
         if name in scales:
             planes[name] = _logarithmic(getattr(maps, name), scales[name], ERROR_BITS)
@@ -80,6 +89,9 @@ def scale_of(maps: SurfaceMaps) -> dict[str, Any]:
     if maps.depth is not None:
         low, high = float(maps.depth[known].min()), float(maps.depth[known].max())
         scales["depth"] = [low, high if high > low else low * (1.0 + 1e-6)]
+    if maps.curvature is not None and maps.occlusion is not None:
+        end = end_of_curvature(maps.curvature)
+        scales |= {"curvature": [-end, end], "occlusion": [end_of_occlusion(maps.occlusion), 1.0]}
     for name in ("beta", "gamma"):
         values = getattr(maps, name)
         if values is not None:

@@ -6,7 +6,7 @@ The page's axes are x right, y up, z to the eye. Enters: a Measurement and the c
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -16,9 +16,11 @@ from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
 from hagoromo.measurement.measurement import Measurement
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
+from hagoromo_page.publication.closely import CloseLook
 
 FLIP = np.diag([1.0, -1.0, -1.0])  # OpenCV's camera axes ↔ the page's
-MAPS = ("labels", "normals", "body", "depth", "beta", "gamma", "tail", "normal_error", "body_error", "gloss_error")
+MAPS = ("labels", "normals", "body", "depth", "beta", "gamma", "tail", "normal_error", "body_error", "gloss_error",
+        "curvature", "occlusion")  # fmt: skip
 MARGIN_PX = 2  # px around the object
 LEAST_KNOWN = np.pi / 2  # rad: a larger error of a direction says no more than that nothing is known of it
 Map = NDArray[np.float64]
@@ -32,7 +34,7 @@ class SurfaceMaps:
     depth: distance along the optical axis [m]. beta [1/sr], gamma [rad], tail 1/ν: where gloss is known per pixel, and
     the tail where it varies. normal_error: standard deviation of the normal's direction, ≤ π/2 [rad]. body_error:
     relative standard error of the body colour. gloss_error: relative standard error of γ. Each of these is None where
-    it is not known, and 0 at unknown pixels.
+    it is not known, and 0 at unknown pixels. curvature [1/unit], occlusion: see `CloseLook`; NaN at unknown pixels.
     has_scale: whether metres are metres. x, y: place of the first pixel in the photograph [px].
     """
 
@@ -49,6 +51,8 @@ class SurfaceMaps:
     normal_error: Map | None
     body_error: Map | None
     gloss_error: Map | None
+    curvature: Map | None = field(default=None, kw_only=True)
+    occlusion: Map | None = field(default=None, kw_only=True)
     has_scale: bool
     x: float = 0.0
     y: float = 0.0
@@ -105,7 +109,9 @@ class SurfaceMaps:
         return replace(self, **maps, camera=camera, x=self.x + left, y=self.y + top)
 
 
-def surface_maps(measurement: Measurement, camera: Camera, name: str, has_scale: bool) -> SurfaceMaps:
+def surface_maps(
+    measurement: Measurement, camera: Camera, name: str, has_scale: bool, look: CloseLook | None = None
+) -> SurfaceMaps:
     """The maps of `measurement`, whose photographs `camera` took; cropped to the object.
 
     `InputError` where the sizes differ, or no pixel of the object is known.
@@ -144,6 +150,8 @@ def surface_maps(measurement: Measurement, camera: Camera, name: str, has_scale:
         body_error=None if errors is None else _relative(errors, body),
         gloss_error=None if gloss is None else np.nan_to_num(gloss.gamma_error / gloss.gamma),
         has_scale=has_scale,
+        curvature=None if look is None else look.curvature,
+        occlusion=None if look is None else look.occlusion,
     ).cropped()
 
 

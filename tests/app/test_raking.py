@@ -41,7 +41,7 @@ def test_frames_are_written_with_a_sheet_and_as_a_film(tmp_path):
     measurement().save(tmp_path / "measured")
     command = ["raking", str(tmp_path / "measured"), "--frames", "3", "--longest", "24"]
     assert main([*command, "--out", str(tmp_path / "frames")]) == 0
-    names = sorted(one.name for one in (tmp_path / "frames").iterdir())
+    names = sorted(one.name for one in (tmp_path / "frames").glob("*.png"))
     assert names == ["frame_00000.png", "frame_00001.png", "frame_00002.png", "sheet.png"]
     pictures = [hg.read_png(tmp_path / "frames" / name) for name in names[:3]]
     assert max(pictures[0].shape) == 24 and not np.array_equal(pictures[0], pictures[1])

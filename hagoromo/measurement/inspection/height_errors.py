@@ -65,6 +65,38 @@ def height_variance(surface: SeenSurface, places: Places) -> HeightVariance:
     return HeightVariance(own, shared)
 
 
+def distance_errors(surface: SeenSurface, draws: int, seed: int = 0) -> Array:
+    """(draws + m, h, w) changes of the distance [m], 0 where unknown: simulated ones by errors that pixels have of
+    their own, over √draws, and those of the m modes that all share. Their squares add up to the variance of any sum.
+
+    surface: with errors, of MOST_PIXELS or fewer.
+    """
+    assert surface.summed_variance is not None
+    net = graph_of_normals(surface.normals, surface.camera, surface.known, surface.own_variance)
+    level = np.log(surface.away[surface.known])
+    gauge = np.full(len(level), GAUGE * net.typical)
+    net = net.settled(level, gauge)
+    turns, random = slopes_by_normals(surface.normals, surface.camera, surface.known), np.random.default_rng(seed)
+    root = np.sqrt(0.5 * surface.summed_variance[surface.known])[:, None]
+    slopes = np.zeros((draws, *surface.known.shape, 2))
+    for k in range(draws):
+        slopes[k, surface.known] = np.einsum("pai,pi->pa", turns, root * random.standard_normal((len(root), 3)))
+    found = np.zeros((draws, *surface.known.shape))
+    found[:, surface.known] = net.responses(slopes, np.zeros(len(level))) / np.sqrt(max(draws, 1))
+    found = found * surface.away
+    shared = () if surface.shared is None else surface.shared.distance
+    return np.concatenate([found, *(np.where(surface.known, mode, 0.0)[None] for mode in shared)]).astype(np.float64)
+
+
+def short_error(surface: SeenSurface, step: float) -> Array:
+    """(h, w) standard error of the distance [m] by waves shorter than two squares of `step` pixels of the photograph.
+
+    ∫ v/k² d²k/4π² from π/step to π, v the variance of a slope. surface: with pixels of any size.
+    """
+    assert surface.summed_variance is not None
+    return np.sqrt(0.5 * surface.summed_variance * np.log(max(step, 1.0)) / (2.0 * np.pi)) * surface.pitch
+
+
 def _own(surface: SeenSurface, places: Places) -> Array:
     """(n,) own variance [m²]."""
     near, corner, step = _around(surface, places.image)
@@ -82,8 +114,8 @@ def _own(surface: SeenSurface, places: Places) -> Array:
         steps = weight * (net.difference @ solve(row))
         by_turn = np.einsum("pa,pai->pi", net.by_slopes(steps), turns)
         found[k] = float(half @ np.sum(by_turn**2, axis=1)) + float(bend @ steps**2)
-    if step > 1:  # of waves shorter than two squares: ∫ v/k² d²k/4π², v the variance of a slope
-        short = np.log(step) / (2.0 * np.pi) * float(np.mean(half)) * (step * surface.pitch) ** 2
+    if step > 1:
+        short = float(np.mean(short_error(near, step)[near.known] ** 2))
         ends = (1.0 - places.share) ** 2 + places.share**2
         found += np.where((places.share > 0.0) & (places.share < 1.0), short * places.along**2 * (1.0 + ends), 0.0)
     return found

@@ -45,9 +45,9 @@ def write_maps(maps: InspectionMaps, home: Path) -> None:
     write_json(home / RECORD, maps.record())
 
 
-def curvature_limit(maps: InspectionMaps) -> float:
-    """Curvature at the ends of the scale, one digit."""
-    bent = np.abs(maps.curvature.value[np.isfinite(maps.curvature.value)])
+def end_of_curvature(value: Array) -> float:
+    """Curvature at the ends of the scale of a map, one digit."""
+    bent = np.abs(value[np.isfinite(value)])
     if not len(bent):
         return 1.0
     found = max(float(np.percentile(bent, BENT_PERCENTILE)), LEAST_BENT)
@@ -55,22 +55,24 @@ def curvature_limit(maps: InspectionMaps) -> float:
     return float(power * np.ceil(found / power - 1e-9))
 
 
-def occlusion_limit(maps: InspectionMaps) -> float:
-    """Share of the sky at the dark end of the scale."""
-    darkest = float(np.nanpercentile(maps.occlusion, OPEN_PERCENTILE))
+def end_of_occlusion(value: Array) -> float:
+    """Share of the sky at the dark end of the scale of a map."""
+    darkest = float(np.nanpercentile(value, OPEN_PERCENTILE))
     return max(min(STEP * np.floor(darkest / STEP), 1.0 - STEP), 0.0)
 
 
 def curvature_picture(maps: InspectionMaps) -> NDArray[np.uint8]:
     """(H, w, 3) grooves blue, ridges red, flat white."""
-    limit = curvature_limit(maps)
+    limit = end_of_curvature(maps.curvature.value)
     label = f"mean curvature [1/{maps.curvature.unit}]: grooves below 0, ridges above"
     return in_scale(maps.curvature.value, BENT_COLOURS, (-limit, limit), label)
 
 
 def occlusion_picture(maps: InspectionMaps) -> NDArray[np.uint8]:
     """(H, w, 3) white where the whole sky is open."""
-    return in_scale(maps.occlusion, OPEN_COLOURS, (occlusion_limit(maps), 1.0), "share of the sky that is open")
+    return in_scale(
+        maps.occlusion, OPEN_COLOURS, (end_of_occlusion(maps.occlusion), 1.0), "share of the sky that is open"
+    )
 
 
 def stretch_picture(maps: InspectionMaps) -> NDArray[np.uint8]:

@@ -49,6 +49,23 @@ def occlusion(surface: SeenSurface, directions: int = DIRECTIONS, progress: Prog
     return found
 
 
+def coarse_occlusion(surface: SeenSurface, most_pixels: int, directions: int = DIRECTIONS) -> Array:
+    """`occlusion` of a surface of `most_pixels` at most, of means over squares of pixels, at every pixel."""
+    from scipy.ndimage import distance_transform_edt, map_coordinates
+
+    step = max(int(np.ceil(np.sqrt(surface.known.sum() / most_pixels))), 1)
+    found = occlusion(surface.averaged(step), directions)
+    if step == 1:
+        return found
+    if not np.isfinite(found).any():
+        return np.where(surface.known, 1.0, np.nan)
+    nearest = np.asarray(distance_transform_edt(np.isnan(found), return_distances=False, return_indices=True))
+    rows, columns = ((np.arange(size) + 0.5) / step - 0.5 for size in surface.known.shape)
+    place = np.meshgrid(rows, columns, indexing="ij")
+    between = np.asarray(map_coordinates(found[nearest[0], nearest[1]], place, order=1, mode="nearest"))
+    return np.where(surface.known, between, np.nan)
+
+
 def _open(highest: Array, along: Array, aside: Array) -> Array:
     """The integral of a half plane up to the horizon, or to the plane of the surface where that is nearer."""
     plane = np.arctan2(along, -aside)

@@ -14,6 +14,7 @@ from hagoromo.errors import InputError
 from hagoromo.measurement.error_files import SharedErrors
 from hagoromo.measurement.measurement import Measurement
 from hagoromo.measurement.normals.pixel_errors import UNKNOWN_DIRECTION
+from hagoromo.measurement.photographed import Photographed
 from hagoromo.measurement.scale import has_scale
 
 Array = NDArray[np.float64]
@@ -92,9 +93,12 @@ class SeenSurface:
         return {key: getattr(self, key) for key in MAPS if getattr(self, key) is not None}
 
 
-def seen_surface(measurement: Measurement) -> SeenSurface:
-    """The surface of `measurement`; `InputError` where it has no points, no camera or no pixel of an object."""
-    taken, fine = measurement.photographed_with, measurement.fine
+def seen_surface(measurement: Measurement, taken: Photographed | None = None) -> SeenSurface:
+    """The surface of `measurement`; `InputError` where it has no points, no camera or no pixel of an object.
+
+    taken: camera and lamps, by default those that the measurement states.
+    """
+    taken, fine = taken or measurement.photographed_with, measurement.fine
     source = measurement if fine is None else fine
     points, labels = source.points, source.labels
     if points is None or taken is None:

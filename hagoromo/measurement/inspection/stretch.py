@@ -44,14 +44,16 @@ class Stretch:
     by: By
 
     @property
-    def shown(self) -> NDArray[np.uint8]:
-        """(h, w, 3) a picture: 0.5 at the mean, full at SHOWN_DEVIATIONS; black where unknown.
+    def shown_channels(self) -> list[int]:
+        """The three channels that are shown as red, green and blue: of more, the first, the middle and the last."""
+        count = self.value.shape[2]
+        return [0, count // 2, count - 1]
 
-        Of more channels than three, the first, the middle and the last.
-        """
-        channels = self.value.shape[2]
-        three = [0, channels // 2, channels - 1]
-        level = 0.5 + 0.5 * np.nan_to_num(self.value[..., three], nan=-2 * SHOWN_DEVIATIONS) / SHOWN_DEVIATIONS
+    @property
+    def shown(self) -> NDArray[np.uint8]:
+        """(h, w, 3) a picture: 0.5 at the mean, full at SHOWN_DEVIATIONS; black where unknown."""
+        value = self.value[..., self.shown_channels]
+        level = 0.5 + 0.5 * np.nan_to_num(value, nan=-2 * SHOWN_DEVIATIONS) / SHOWN_DEVIATIONS
         return np.rint(255.0 * np.clip(level, 0.0, 1.0)).astype(np.uint8)
 
 

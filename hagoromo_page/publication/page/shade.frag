@@ -3,6 +3,7 @@
 uniform usampler2D geometry;       // octahedral normal u, v; depth; label
 uniform usampler2DArray bodies;    // square roots of α c_b, four channels a layer
 uniform usampler2D extra;          // ln β, ln γ, error of the normal + 256 · 1/ν, error of body colour or gloss
+uniform usampler2D closely;        // curvature, occlusion: 1 … 255 over their scales, 0 unknown
 uniform sampler2D materials;       // row 0: β, γ, n, 1/ν; row 1: 2^(1/ν) − 1, ε, σ, 1 without measured gloss; rows 2 …: interface colour under lamp k;
                                    // then of each further lobe β and γ over those of the first one
 uniform sampler2D rays;            // x/z, y/z of rays on a grid over the picture (OpenCV's axes)
@@ -18,6 +19,8 @@ uniform vec4 lampAt[LAMPS];        // direction (w = 0) or position [m] (w = 1)
 uniform vec4 lampAxis[LAMPS];      // axis and exponent of the fall-off; exponent 0: alike all around
 uniform float lampScale[LAMPS];    // irradiance of a plane that faces the lamp; at 1 m of a near one
 uniform vec3 bodyColumns[LAMPS * CHANNELS];  // display colour of a unit of α c_b of a channel
+uniform vec3 stretchColumns[CHANNELS], stretchOffset;  // display colour of a unit of α c_b of a channel, and of none
+uniform vec3 stops[3];             // colours of the ends and the middle of a scale
 uniform int view;
 uniform bool ofGloss;              // whether the view shows the gloss, or its error
 uniform float exposure;
@@ -107,7 +110,14 @@ void main() {
   }
   float facing = (interfaceOf.z - 1.0) / (interfaceOf.z + 1.0);
   if (ofGloss && bodyOf.w > 0.5) { shown = vec4(vec3(0.3), 1.0); return; }
-  if (view >= 3) {
+  if (view == 7 || view == 8) {
+    uvec4 whole = texelFetch(closely, pixel, 0);
+    uint code = view == 7 ? whole.x : whole.y;
+    float t = 2.0 * (float(code) - 1.0) / 254.0;
+    shown = vec4(code == 0u ? vec3(0.3) : mix(mix(stops[0], stops[1], t), mix(stops[1], stops[2], t - 1.0), step(1.0, t)), 1.0);
+    return;
+  }
+  if (view >= 3 && view < 7) {
     float value = view == 3 ? gamma : view == 4 ? beta * facing * facing
       : errorRange.x > 0.0 ? logarithmic(view == 5 ? more.z & 255u : more.w, errorTop, errorRange) : 0.0;
     vec2 range = view >= 5 ? errorRange : view == 3 ? SCALE_GAMMA : SCALE_PEAK;
@@ -118,6 +128,12 @@ void main() {
   for (int c = 0; c < CHANNELS; c++) {
     float root = float(texelFetch(bodies, ivec3(pixel, c / 4), 0)[c % 4]) / bodyTop;
     body[c] = bodyScale * root * root;
+  }
+  if (view == 9) {
+    vec3 apart = stretchOffset;
+    for (int c = 0; c < CHANNELS; c++) apart += body[c] * stretchColumns[c];
+    shown = vec4(clamp(apart, 0.0, 1.0), 1.0);
+    return;
   }
   if (view == 2) {
     vec3 albedo = vec3(0.0);

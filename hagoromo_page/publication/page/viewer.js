@@ -47,7 +47,7 @@ const state = {
   lamps: [], lamp: 0, camera: 0, balance: true, stops: 0, view: 0, shadows: CASTS, enhance: 0, width: 10,
   tool: "light", scale: 0, x: data.width / 2, y: data.height / 2, photograph: -1,
 };
-let stamp = 1, shadowStamp = 0, asked = false, relief = null, ruler = null, turn = 0;
+let stamp = 1, shadowStamp = 0, asked = false, relief = null, ruler = null, heights = null, turn = 0;
 
 const lampAt = (x, y) => ({ x, y, strength: 1, spectrum: 0, capture: -1 });
 state.lamps.push(lampAt(-0.33, 0.36));
@@ -229,6 +229,8 @@ class Tile {
     const bodies = new Uint16Array(4 * size * layers);
     for (let k = 0; k < layers; k++) bodies.set(interleaved(planes, [0, 1, 2, 3].map((c) => `body${4 * k + c}`), size), 4 * size * k);
     this.bodies = texture(gl.TEXTURE_2D_ARRAY, gl.RGBA16UI, this.width, this.height, layers, bodies, gl.UNSIGNED_SHORT, gl.RGBA_INTEGER);
+    this.closely = planes.curvature ? upload(["curvature", "occlusion"]) : this.extra;
+    this.heights = planes.depth ? { label: planes.label, depth: planes.depth } : null;
     this.target = target(this.width, this.height, true);
   }
 
@@ -244,6 +246,7 @@ class Tile {
     bound(used, "materials", 3, gl.TEXTURE_2D, materialsTexture);
     bound(used, "rays", 4, gl.TEXTURE_2D, raysTexture);
     bound(used, "shadows", 5, gl.TEXTURE_2D, shadowTarget);
+    bound(used, "closely", 6, gl.TEXTURE_2D, this.closely);
     const factor = data.levels[this.level].factor, view = VIEWS[state.view];
     gl.uniform2f(used.at("tileOrigin"), this.x, this.y);
     gl.uniform1f(used.at("levelFactor"), factor);
@@ -266,6 +269,10 @@ class Tile {
       for (let c = 0; c < scales.channels; c++) columns.push(body[0][c], body[1][c], body[2][c]);
     }
     gl.uniform3fv(used.at("bodyColumns"), columns);
+    const stretch = (data.closely && data.closely.stretch) || { columns: Array(scales.channels).fill([0, 0, 0]), offset: [0, 0, 0] };
+    gl.uniform3fv(used.at("stretchColumns"), stretch.columns.flat());
+    gl.uniform3fv(used.at("stretchOffset"), stretch.offset);
+    gl.uniform3fv(used.at("stops"), (view.stops || [[0, 0, 0], [0, 0, 0], [0, 0, 0]]).flat());
     gl.uniform1i(used.at("view"), view.number);
     gl.uniform1i(used.at("ofGloss"), view.gloss ? 1 : 0);
     gl.uniform1f(used.at("exposure"), data.exposure * 2 ** state.stops);
@@ -374,7 +381,7 @@ function forget(shown) {  // the tiles that were not seen for longest: memory fo
   const old = [...tiles].filter(([, one]) => !shown.includes(one) && data.levels[one.level].tiles > 1);
   old.sort((a, b) => a[1].shownAt - b[1].shownAt);
   for (const [key, one] of old.slice(0, Math.max(tiles.size - MOST_TILES, 0))) {
-    for (const own of [one.geometry, one.extra, one.bodies, one.target]) gl.deleteTexture(own);
+    for (const own of [one.geometry, one.extra, one.bodies, one.target, one.closely]) gl.deleteTexture(own);
     tiles.delete(key);
     wanted.delete(key);
   }
@@ -517,8 +524,11 @@ function drawOverlay() {
   const [a, b] = [at(ruler[0]), at(ruler[1])];
   overlay.append(element("line", { x1: a[0], y1: a[1], x2: b[0], y2: b[1] }));
   for (const p of [a, b]) overlay.append(element("line", { x1: p[0] - (b[1] - a[1]) * 0.03, y1: p[1] + (b[0] - a[0]) * 0.03, x2: p[0] + (b[1] - a[1]) * 0.03, y2: p[1] - (b[0] - a[0]) * 0.03 }));
-  overlay.append(element("text", { x: (a[0] + b[0]) / 2, y: (a[1] + b[1]) / 2 - 8 }, lengthText(...ruler)));
+  markStart(a);
+  if (!heights) overlay.append(element("text", { x: (a[0] + b[0]) / 2, y: (a[1] + b[1]) / 2 - 8 }, lengthText(...ruler)));
 }
+
+// <profile.js>
 
 // ---------------------------------------------------------------- controls
 
@@ -570,7 +580,8 @@ function drawScale() {
   const scale = byId("hv-scale"), context = scale.getContext("2d");
   const a = [[0.2777, 0.0054, 0.3341], [0.1051, 1.4046, 1.3846], [-0.3309, 0.2148, 0.0951], [-4.6342, -5.7991, -19.3324], [6.2283, 14.1799, 56.6906], [4.7764, -13.7451, -65.353], [-5.4355, 4.6459, 26.3124]];
   for (let x = 0; x < scale.width; x++) {
-    const t = x / (scale.width - 1), c = [0, 1, 2].map((k) => 255 * Math.min(Math.max(a.reduceRight((sum, row) => sum * t + row[k], 0), 0), 1));
+    const t = x / (scale.width - 1), stops = VIEWS[state.view].stops;
+    const c = stops ? [0, 1, 2].map((k) => 255 * (t < 0.5 ? stops[0][k] + 2 * t * (stops[1][k] - stops[0][k]) : stops[1][k] + (2 * t - 1) * (stops[2][k] - stops[1][k]))) : [0, 1, 2].map((k) => 255 * Math.min(Math.max(a.reduceRight((sum, row) => sum * t + row[k], 0), 0), 1));
     context.fillStyle = `rgb(${c.map(Math.round).join(",")})`;
     context.fillRect(x, 0, 1, 1);
   }
@@ -634,6 +645,7 @@ function connect() {
   byId("hv-spectrum-label").hidden = byId("hv-camera-label").hidden = byId("hv-balance-label").hidden = !data.colours.exact;
   byId("hv-shadows-label").hidden = !CASTS;
   byId("hv-view").hidden = !!data.stack;
+  byId("hv-profile-tool").hidden = !data.scales.depth || !!data.stack;
   const assumed = byId("hv-assumptions");
   assumed.hidden = !(data.assumptions || []).length;
   assumed.querySelector("ul").append(...(data.assumptions || []).map((one) => { const made = document.createElement("li"); made.textContent = one; return made; }));
@@ -657,7 +669,7 @@ function connect() {
   connectCanvas();
   document.addEventListener("keydown", key);
   document.addEventListener("keyup", (happened) => { if (happened.key === " ") space = false; });
-  new ResizeObserver(ask).observe(frame);
+  new ResizeObserver(() => { ask(); plotHeights(); }).observe(frame);
 }
 
 function zoomTo(what) {
@@ -697,7 +709,7 @@ function connectCanvas() {
   };
   const takeBack = () => {  // two fingers rarely touch at once: the first one was not to move the lamp
     if (action === "light") Object.assign(current(), start.lamp);
-    if (action === "ruler") ruler = start.ruler;
+    if (action === "ruler" || action === "profile") { ruler = start.ruler; follow(start.heights); }
     changed();
   };
   canvas.addEventListener("contextmenu", (happened) => happened.preventDefault());
@@ -707,20 +719,20 @@ function connectCanvas() {
     const p = at(happened);
     pointers.set(happened.pointerId, p);
     if (pointers.size === 2 && start && Math.hypot(last[0] - start.p[0], last[1] - start.p[1]) < 12 * (window.devicePixelRatio || 1)) takeBack();
-    if (pointers.size === 1) start = { p, lamp: { ...current() }, ruler };
+    if (pointers.size === 1) start = { p, lamp: { ...current() }, ruler, heights: !!heights };
     action = pointers.size > 1 ? "pinch" : happened.button > 0 || space ? "move" : state.tool;
     spread = apart();
     last = middle();
     if (action === "light") lamp(p);
-    if (action === "ruler") { const start = toPage(...p); ruler = [start, start]; ask(); }
+    if (action === "ruler" || action === "profile") { const start = toPage(...p); ruler = [start, start]; follow(action === "profile"); ask(); }
   });
   canvas.addEventListener("pointermove", (happened) => {
     if (!pointers.has(happened.pointerId)) return;
     const p = at(happened);
     pointers.set(happened.pointerId, p);
-    if (action === "light" || action === "ruler") last = p;
+    if (action === "light" || action === "ruler" || action === "profile") last = p;
     if (action === "light") lamp(p);
-    else if (action === "ruler") { ruler = [ruler[0], toPage(...p)]; ask(); }
+    else if (action === "ruler" || action === "profile") { ruler = [ruler[0], toPage(...p)]; follow(action === "profile"); ask(); }
     else {
       const m = middle();
       state.x -= (m[0] - last[0]) / state.scale;
@@ -756,7 +768,7 @@ function key(happened) {
   }
   const acts = {
     "+": () => zoomTo("in"), "=": () => zoomTo("in"), "-": () => zoomTo("out"), 0: () => zoomTo("fit"), 1: () => zoomTo("one"),
-    l: () => turnTo("light"), m: () => turnTo("move"), r: () => turnTo("ruler"),
+    l: () => turnTo("light"), m: () => turnTo("move"), r: () => turnTo("ruler"), h: () => { if (data.scales.depth && !data.stack) turnTo("profile"); },
     v: () => { state.view = (state.view + 1) % VIEWS.length; changed(); },
     s: () => { state.shadows = !state.shadows && CASTS; changed(); },
     p: () => { if (data.photographs.length) compare(((state.photograph + 2) % (data.photographs.length + 1)) - 1); },
@@ -797,6 +809,7 @@ async function start() {
   prepare();
   shadowTarget = target(1, 1, false);
   const arrived = [];
+  await readErrors();
   window.hagoromoTile = (key, header, text) => arrived.push(addTile(key, header, text));
   connect();
   refresh();
@@ -810,4 +823,4 @@ const ready = start().catch((error) => { message.hidden = false; message.textCon
 canvas.addEventListener("webglcontextlost", () => { message.hidden = false; message.textContent = "The graphics processor was reset: load the page again."; });
 const compared = () => state.photograph in photographTextures;  // whether the photograph has been decoded
 const picture = () => { draw(); return canvas.toDataURL(); };  // all that the page shows now, as a PNG
-window.hagoromo = { ready, state, pixels, picture, compared, length: lengthText, framesPerSecond, redraw: changed, tiles: () => tiles.size, light: () => state.lamps.map(light) };
+window.hagoromo = { ready, state, pixels, picture, compared, length: lengthText, profile: (a, b) => { ruler = [a, b]; follow(true); ask(); return heights; }, framesPerSecond, redraw: changed, tiles: () => tiles.size, light: () => state.lamps.map(light) };
