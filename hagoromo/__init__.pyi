@@ -169,6 +169,7 @@ from .recovery.recover import RecoverySettings as RecoverySettings, recover as r
 # Two measurements of one object, at two dates
 from .campaigns.change import Change as Change, CommonChange as CommonChange, change as change
 from .campaigns.region import ChangedRegion as ChangedRegion
+from .campaigns.cross_section import CrossSection as CrossSection
 
 # Many captures, many machines
 from .cluster.connection import TrustedScheduler as TrustedScheduler

@@ -14,7 +14,7 @@ from hagoromo.files.whole import replaceable_files, whole_folder
 
 Line = Annotated[
     tuple[float, float, float, float],
-    arg(help="X0 Y0 X1 Y1: its ends in the picture, from the upper left corner [px]", metavar="X0 Y0 X1 Y1"),
+    arg(help="its ends in the picture, from the upper left corner [px]", metavar="X0 Y0 X1 Y1"),
 ]
 
 

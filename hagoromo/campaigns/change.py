@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.campaigns.campaign import GLOSS, Campaign, campaign
+from hagoromo.campaigns.cross_section import CrossSection, cross_section
 from hagoromo.campaigns.overlap import Overlap, overlap
 from hagoromo.campaigns.paint import Paint, paint
 from hagoromo.campaigns.quantity import Quantity, quantities
@@ -24,6 +25,8 @@ from hagoromo.campaigns.registration import Registration, register
 from hagoromo.errors import InputError
 from hagoromo.files.record import written_by
 from hagoromo.least_squares.loss import NORMAL_95
+from hagoromo.measurement.inspection.profile import checked_line
+from hagoromo.measurement.inspection.seen_surface import seen_surface
 from hagoromo.measurement.measurement import Measurement
 from hagoromo.progress import Progress, silent
 
@@ -65,7 +68,7 @@ class Change:
 
     compared: (h, w) what both show. pictures: BEFORE's and AFTER's body colours there as linear sRGB (h, w, 3), under
     the first lamp, NaN where not compared. rate: of false discoveries. remarks: what is doubted. assumptions: what is
-    taken for given.
+    taken for given. section: heights of both along a line, where one was asked for.
     """
 
     before: Campaign
@@ -80,6 +83,7 @@ class Change:
     assumptions: tuple[str, ...]
     remarks: tuple[str, ...]
     settings: dict[str, Any]
+    section: CrossSection | None = None
 
     def __getitem__(self, name: str) -> Quantity:
         """The quantity of that name: colour, gloss, width, shape or normals; KeyError where it is not compared."""
@@ -119,6 +123,7 @@ class Change:
                 for one in self.common
             ],
             "regions": [one.record() for one in self.regions],
+            "section": None if self.section is None else self.section.sentence,
             "assumptions": list(self.assumptions),
             "remarks": list(self.remarks),
         }  # fmt: skip
@@ -136,6 +141,7 @@ class Change:
 
         change.json: registration, errors, regions, assumptions. regions.csv: a row for each region. change.exr: of each
         quantity its value, `error.*`, `p.*`, and `significant.*` and `compared.*` (1 or 0); 0 where not compared, p 1.
+        section.csv, section.png: of a line, heights at both dates and their difference, with bands.
         """
         from hagoromo.campaigns.change_files import write_change
 
@@ -149,6 +155,7 @@ def change(
     lamps: Sequence[str] = (),
     rate: float = RATE,
     doubted: bool = False,
+    line: Sequence[float] = (),
     progress: Progress = silent,
 ) -> Change:
     """What has changed between two measurements of one object at two dates; camera and lamps may differ.
@@ -157,6 +164,7 @@ def change(
     are compared (default: D65, or channels as photographed where the response of the camera is not known). rate: of
     false discoveries, the expected share of places that are marked though they did not change; if nothing has changed,
     the probability that anything is marked. doubted: compare also where more has changed than has stayed the same.
+    line: x0, y0, x1, y1 in BEFORE's picture [px]: heights of both along it are compared, too (`Change.section`).
     progress: called with the share of the work done (0 … 1) and the name of the step.
 
     What all of the surface has in common (a factor of colours and its linear course, a bend of the shape) is taken out
@@ -167,9 +175,14 @@ def change(
     if not 0.0 < rate < 1.0:
         raise InputError(f"the rate of false discoveries is {rate:g}: give a number between 0 and 1, such as {RATE:g}")
     progress(0.0, "reading")
+    loaded = [_loaded(one) for one in (before, after)]
     own, other = (
-        campaign(_loaded(one), _named(one, word)).averaged() for one, word in ((before, "BEFORE"), (after, "AFTER"))
+        campaign(read, _named(one, word)).averaged()
+        for read, one, word in zip(loaded, (before, after), ("BEFORE", "AFTER"), strict=True)
     )
+    surfaces = [seen_surface(one) for one in loaded] if len(line) else []
+    if surfaces:
+        checked_line(surfaces[0], line[:2], line[2:])
     painted = paint(own, other, lamps)
     progress(0.1, "registration")
     registered = register(own, other, SEED)
@@ -190,6 +203,8 @@ def change(
         )
     progress(0.9, "regions")
     settings = {"lamps": list(lamps) or None, "rate": rate, "doubted": doubted or None}
+    settings |= {"line": list(line)} if len(line) else {}
+    section = cross_section(surfaces[0], surfaces[1], registered, line[:2], line[2:]) if surfaces else None
     return Change(
         own,
         other,
@@ -203,6 +218,7 @@ def change(
         _assumptions(own, other, painted, registered),
         tuple([*(f"doubted: {one}" for one in doubts), *_missing(own, other, found)]),
         settings,
+        section,
     )
 
 

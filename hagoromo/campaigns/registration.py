@@ -63,10 +63,14 @@ class Registration:
         by = np.stack(slopes, axis=-1)
         return np.asarray(by @ self.covariance @ np.swapaxes(by, -1, -2))
 
+    def moved(self, theta: Array) -> Similarity:
+        """`to_after`, changed by turn [rad], shift [pitch] and ln scale (7 numbers or more)."""
+        return _moved(self.to_after, theta, self.centre, self.pitch)
+
     def _image(self, before: Campaign, after: Campaign, which: int, step: float) -> Array:
         theta = np.zeros(PARAMETERS)
         theta[which] = step
-        return after.camera.project(_moved(self.to_after, theta, self.centre, self.pitch).points(before.points))
+        return after.camera.project(self.moved(theta).points(before.points))
 
     def record(self) -> dict[str, Any]:
         """As JSON files have it."""

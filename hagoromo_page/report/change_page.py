@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.campaigns.change import WORDS, Change, CommonChange
+from hagoromo.campaigns.change_files import section_figure
 from hagoromo.campaigns.quantity import Quantity
 from hagoromo.campaigns.region import ChangedRegion
-from hagoromo.files.plot import nice, panels
+from hagoromo.files.plot import nice, panels, svg_text
 from hagoromo.light.colour import srgb_encode
 from hagoromo_page.report.display import exposure
-from hagoromo_page.report.page import page_picture, thousands, write_page
+from hagoromo_page.report.page import page_drawing, page_picture, thousands, write_page
 from hagoromo_page.report.report_pictures import around, rasterised
 
 MAP_WIDTH_INCH = 4.6  # inch, of a map
@@ -45,6 +46,7 @@ def write_change_report(path: Path, change: Change) -> None:
         remarks=change.remarks,
         doubted=any(remark.startswith("doubted") for remark in change.remarks),
         pictures=_pictures(change, crop),
+        section=_section(change),
         quantities=[_quantity(change, one, crop) for one in change.quantities],
         errors=[_errors(one) for one in change.quantities],
         common=[_common(one) for one in change.common],
@@ -53,6 +55,15 @@ def write_change_report(path: Path, change: Change) -> None:
         maps=len(change.quantities),
         assumptions=change.assumptions,
     )
+
+
+def _section(change: Change) -> dict[str, Any] | None:
+    if change.section is None:
+        return None
+    sentence = change.section.sentence
+    picture = page_drawing(svg_text(section_figure(change)), "heights of both dates along a line, and their difference")
+    remarks = change.section.before.remarks
+    return {"picture": picture, "said": [f"{sentence[0].upper()}{sentence[1:]}.", *remarks]}
 
 
 def _found(change: Change) -> list[str]:

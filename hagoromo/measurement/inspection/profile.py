@@ -6,12 +6,11 @@ towards the camera. Where the whole surface lies, and how it is tilted, does not
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from hagoromo.errors import InputError
 from hagoromo.least_squares.loss import NORMAL_95
@@ -92,7 +91,7 @@ class HeightProfile:
         return write_profile(self, Path(path), force)
 
 
-Point = Sequence[float]
+Point = ArrayLike  # x and y [px]
 
 
 def profile(measurement: Measurement | SeenSurface | str | Path, start: Point, end: Point) -> HeightProfile:
@@ -117,7 +116,7 @@ def profile(measurement: Measurement | SeenSurface | str | Path, start: Point, e
                 f"the {name} end of the line ({place[0]:g}, {place[1]:g} px) is beside the object, or unknown there: "
                 "move it onto the surface"
             )
-    along, up = _axes(surface, points)
+    along, up = chord_axes(surface, points)
     rise = points - points[0]
     distance, height = rise @ along, rise @ up
     unit, factor = surface.unit, surface.units_per_metre
@@ -165,8 +164,8 @@ def points_at(surface: SeenSurface, image: Array) -> Array:
     return np.where(known[:, None], surface.camera.position + ray * distance[:, None], np.nan)
 
 
-def _axes(surface: SeenSurface, points: Array) -> tuple[Array, Array]:
-    """Unit vectors along the chord, and across it towards the camera."""
+def chord_axes(surface: SeenSurface, points: Array) -> tuple[Array, Array]:
+    """Unit vectors along the chord from the first to the last of `points` (n, 3), and across it towards the camera."""
     along = (points[-1] - points[0]) / np.linalg.norm(points[-1] - points[0])
     to_eye = surface.camera.position - 0.5 * (points[0] + points[-1])
     up = to_eye - (to_eye @ along) * along

@@ -68,9 +68,10 @@ def draw_profiles(axis: Any, profiles: Mapping[str, HeightProfile]) -> None:
     low, high = np.inf, -np.inf
     for (name, one), line, band in zip(profiles.items(), LINES, BANDS, strict=False):
         ends = one.band_95
+        said, shaded = (f"{plot_label(name)} (95 % band shaded)", None) if name else ("height", "95 % band")
         if np.isfinite(ends[0]).any():
-            axis.fill_between(one.distance, *ends, color=band, alpha=0.75, linewidth=0, label=_of(name, "95 % band"))
-        axis.plot(one.distance, one.height, color=line, linewidth=1.1, label=_of(name, "height"))
+            axis.fill_between(one.distance, *ends, color=band, alpha=0.75, linewidth=0, label=shaded)
+        axis.plot(one.distance, one.height, color=line, linewidth=1.1, label=said)
         both = np.stack([one.height, *ends])
         low, high = min(low, float(np.nanmin(both))), max(high, float(np.nanmax(both)))
     first = next(iter(profiles.values()))
@@ -91,10 +92,6 @@ def figure_png(figure: Any) -> bytes:
     picture = io.BytesIO()
     figure.savefig(picture, format="png", dpi=DPI, metadata={"Software": None})
     return picture.getvalue()
-
-
-def _of(name: str, what: str) -> str:
-    return f"{plot_label(name)}: {what}" if name else what
 
 
 def _exaggeration(axis: Any) -> float:
