@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 DATA = "../shared/data"  # real data beside the checkout: `make data`
 RECIPES = "examples/recipes"
+CLOSELY = ("maps.jpg", "profile.png", "raking.jpg", "page.jpg")  # pictures of studies.closely
 SIX_OBJECTS = "gray buddha cat horse owl rock".split()
 
 
@@ -209,6 +210,12 @@ STUDIES: dict[str, Study] = {
         "minutes",
         (_module("published", "--out", "out/published", "--force"),),
         (("out/published/published.jpg", "docs/figures"),),
+    ),
+    "closely": Study(
+        "the pictures of docs/howto/closely.md: maps, profile, raking light and page of a cracked tile",
+        "minutes",
+        (_module("closely", "--out", "out/closely", "--force"),),
+        tuple((f"out/closely/{one}", f"docs/figures/closely_{one}") for one in CLOSELY),
     ),
     "tutorials": Study(
         "the pictures of the tutorials, by the commands of their pages",

@@ -7,7 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from hagoromo.camera.response import camera_white, srgb_from_camera
+from hagoromo.measurement.inspection.map_files import end_of_curvature, end_of_occlusion
 from hagoromo.measurement.measurement import Measurement
+from hagoromo_page.publication.closely import CloseLook
 from hagoromo_page.publication.lit import reflected
 from hagoromo_page.publication.surface_maps import SurfaceMaps
 from hagoromo_page.viewer.plates import (
@@ -16,6 +18,7 @@ from hagoromo_page.viewer.plates import (
     PlateLight,
     as_bytes,
     in_colours,
+    in_two_colours,
     numbered,
     scaled,
     three_channels,
@@ -26,6 +29,8 @@ from hagoromo_page.viewer.view_state import ViewTransform
 LARGEST_TILT_DEG = 5.0  # standard error of a normal [°] that is shown brightest
 OF_NORMALS = f"uncertainty of normals, 0…{LARGEST_TILT_DEG:g}°"
 OF_BODY = f"uncertainty of body, 0…{100 * LARGEST_NOISE:g} %"
+OF_CURVATURE = "curvature: grooves blue, ridges red"
+OF_SKY, OF_STRETCH = "occlusion: sky that is open", "stretched colours"
 OF_GAMMA = f"uncertainty of γ, 0…{100 * LARGEST_NOISE:g} %"
 
 
@@ -35,13 +40,14 @@ class MapsPlate:
     lamps: tuple[str, ...] = ()
     turns = True
 
-    def __init__(self, maps: SurfaceMaps, measurement: Measurement) -> None:
-        self.maps, self.measurement = maps, measurement
+    def __init__(self, maps: SurfaceMaps, measurement: Measurement, look: CloseLook | None = None) -> None:
+        self.maps, self.measurement, self.look = maps, measurement, look
         self.size = (maps.labels.shape[1], maps.labels.shape[0])
         optional = {
             "depth": maps.depth, "β interface": maps.beta, "γ roughness": maps.gamma, "1/ν tails": maps.tail,
             OF_NORMALS: maps.normal_error, OF_BODY: maps.body_error,
-            OF_GAMMA: maps.gloss_error,
+            OF_GAMMA: maps.gloss_error, OF_CURVATURE: maps.curvature, OF_SKY: maps.occlusion,
+            OF_STRETCH: None if look is None else look.stretch,
         }  # fmt: skip
         self.layers = ("picture", "body", "normals", "material", *(k for k, v in optional.items() if v is not None))
 
@@ -54,7 +60,7 @@ class MapsPlate:
         """See `Plate`."""
         cut = self.maps.part(rows, columns)
         width = cut.labels.shape[1]
-        return MapsPlate(cut.reduced(width / size[0]) if size[0] < width else cut, self.measurement)
+        return MapsPlate(cut.reduced(width / size[0]) if size[0] < width else cut, self.measurement, self.look)
 
     def linear(self, layer: str, light: PlateLight, development: ViewTransform) -> Picture | None:
         """See `Plate`."""
@@ -73,6 +79,8 @@ class MapsPlate:
             return as_bytes(np.where(known[..., None], 0.5 + 0.5 * maps.normals, 0.0))
         if layer == "material":
             return numbered(maps.labels + 1)
+        if layer in (OF_CURVATURE, OF_SKY, OF_STRETCH):
+            return self._closely(layer)
         scales = {
             OF_NORMALS: (maps.normal_error, np.radians(LARGEST_TILT_DEG)),
             OF_BODY: (maps.body_error, LARGEST_NOISE),
@@ -86,6 +94,18 @@ class MapsPlate:
         values = maps_of[layer]
         assert values is not None
         return scaled(values, known)
+
+    def _closely(self, layer: str) -> Picture:
+        """Curvature, occlusion or stretched colours, in the scales of a published page."""
+        maps, look = self.maps, self.look
+        assert look is not None and maps.curvature is not None and maps.occlusion is not None
+        if layer == OF_STRETCH:
+            assert look.stretch is not None
+            return look.stretch.picture(maps.body, maps.known)
+        if layer == OF_SKY:
+            dark = end_of_occlusion(look.occlusion)
+            return scaled(np.clip(maps.occlusion, dark, 1.0), maps.known)
+        return in_two_colours(maps.curvature / end_of_curvature(look.curvature), np.isfinite(maps.curvature))
 
     def probe(self, x: float, y: float, light: PlateLight) -> Probe:
         """See `Plate`. The spectrum is that of the body, of its material, with its 95 % band."""
@@ -103,6 +123,8 @@ class MapsPlate:
             (maps.beta, "β", 1.0, "/sr"),
             (maps.gamma, "γ", 180.0 / np.pi, "°"),
             (maps.tail, "1/ν", 1.0, ""),
+            (maps.curvature, "curvature", 1.0, "" if self.look is None else f"/{self.look.unit}"),
+            (maps.occlusion, "open sky", 100.0, " %"),
         ):
             if values is not None:
                 said.append(f"{what} {factor * values[row, column]:.4g}{unit}")

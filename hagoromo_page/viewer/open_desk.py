@@ -60,7 +60,8 @@ def _plates(path: Path) -> dict[str, Callable[[], Plate]] | None:
         return _photographs(path)
     if (path / "materials.json").is_file():
         measurement = Measurement.load(path)
-        maps: Plate = MapsPlate(page_source(measurement, None, path.name).maps, measurement)  # pyrefly: ignore[bad-assignment]
+        source = page_source(measurement, None, path.name, closely=True)
+        maps: Plate = MapsPlate(source.maps, measurement, source.look)  # pyrefly: ignore[bad-assignment]
         return {path.name: lambda: maps}
     return None
 

@@ -104,6 +104,15 @@ def in_colours(share: Picture, known: Picture) -> NDArray[np.uint8]:
     return np.where(np.asarray(known, bool)[..., None], shown, np.uint8(64)).astype(np.uint8)
 
 
+def in_two_colours(share: Picture, known: Picture) -> NDArray[np.uint8]:
+    """−1…1 from blue over white to red; what is not known is grey."""
+    import matplotlib
+
+    level = 0.5 + 0.5 * np.clip(np.nan_to_num(share), -1.0, 1.0)
+    shown = matplotlib.colormaps["RdBu_r"](level, bytes=True)[..., :3]
+    return np.where(np.asarray(known, bool)[..., None], shown, np.uint8(64)).astype(np.uint8)
+
+
 def scaled(values: Picture, known: Picture) -> NDArray[np.uint8]:
     """Grey from the smallest to the largest known value."""
     known = np.asarray(known, bool) & np.isfinite(values)

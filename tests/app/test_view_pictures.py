@@ -21,7 +21,7 @@ from hagoromo_page.publication.lit import reflected
 from hagoromo_page.publication.publish import page_source
 from hagoromo_page.viewer.development import metered
 from hagoromo_page.viewer.image_plate import ImagePlate
-from hagoromo_page.viewer.maps_plate import OF_NORMALS
+from hagoromo_page.viewer.maps_plate import OF_CURVATURE, OF_NORMALS, OF_SKY, OF_STRETCH, MapsPlate
 from hagoromo_page.viewer.open_desk import open_desk
 from hagoromo_page.viewer.photographs import as_bright
 from hagoromo_page.viewer.picture_desk import PictureDesk
@@ -30,6 +30,7 @@ from hagoromo_page.viewer.probe import WAVELENGTHS, plain
 from hagoromo_page.viewer.view_state import ViewTransform
 from tests.app.published_ball import ball
 from tests.ball_scene import ball_scene
+from tests.inverse.simulated_relief import Relief, relief_camera, relief_measurement
 
 DAY, BULB = Spectrum.named("D65"), Spectrum.named("A")
 
@@ -192,6 +193,19 @@ def test_a_measurement_is_lit_by_its_reflectance_and_shows_its_uncertainty(tmp_p
     assert np.allclose((found.high - found.low)[middle], 2 * 1.96 * 0.01 * share)
     assert plate.probe(0.6, 0.5, PlateLight()).low is None, "the other material has no spectrum"
     assert {"body", "normals", "material", "depth", "γ roughness"} <= set(plate.layers)
+    for layer in (OF_CURVATURE, OF_SKY):
+        assert layer in plate.layers and len(np.unique(plate.coded(layer)[known], axis=0)) > 1
+    assert OF_STRETCH not in plate.layers, "its colours differ in one way alone"
+    assert any(one.startswith("curvature") for one in found.said)
+
+
+def test_a_part_of_a_measurement_has_the_stretched_colours_of_the_whole():
+    measurement = relief_measurement(Relief(seed=1), relief_camera(32), 1)
+    source = page_source(measurement, None, closely=True)
+    plate = MapsPlate(source.maps, measurement, source.look)
+    part = plate.part(slice(10, 20), slice(10, 20), (10, 10))
+    assert np.array_equal(part.coded(OF_STRETCH), plate.coded(OF_STRETCH)[10:20, 10:20])
+    assert part.coded(OF_CURVATURE).shape == (10, 10, 3)
 
 
 @pytest.mark.parametrize("name", ["{globalThis.x = 1}", "<img src=x onerror=y>", "*a* _b_ `c` [d](e) $f$ \\g"])

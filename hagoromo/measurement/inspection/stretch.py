@@ -52,9 +52,18 @@ class Stretch:
     @property
     def shown(self) -> NDArray[np.uint8]:
         """(h, w, 3) a picture: 0.5 at the mean, full at SHOWN_DEVIATIONS; black where unknown."""
-        value = self.value[..., self.shown_channels]
-        level = 0.5 + 0.5 * np.nan_to_num(value, nan=-2 * SHOWN_DEVIATIONS) / SHOWN_DEVIATIONS
-        return np.rint(255.0 * np.clip(level, 0.0, 1.0)).astype(np.uint8)
+        return _shown(self.value[..., self.shown_channels])
+
+    def picture(self, colours: Array, known: NDArray[np.bool_]) -> NDArray[np.uint8]:
+        """`shown` of other colours (h, w, C) of the same surface, such as a part of it."""
+        value = (colours - self.mean) @ self.matrix[self.shown_channels].T
+        return _shown(np.where(known[..., None], value, np.nan))
+
+
+def _shown(value: Array) -> NDArray[np.uint8]:
+    """Standard deviations (h, w, 3) as display values."""
+    level = 0.5 + 0.5 * np.nan_to_num(value, nan=-2 * SHOWN_DEVIATIONS) / SHOWN_DEVIATIONS
+    return np.rint(255.0 * np.clip(level, 0.0, 1.0)).astype(np.uint8)
 
 
 def decorrelation_stretch(

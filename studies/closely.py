@@ -1,0 +1,120 @@
+"""The pictures of the how-to on looking closely: a simulated tile with a hairline crack and a faded ring.
+
+    python -m studies.closely --out out/closely
+
+Leaves: the measurement, maps, a profile, a film in raking light and the page, as the commands of the how-to write them,
+and maps.jpg, profile.png, raking.jpg and page.jpg, which the how-to shows.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tyro
+from numpy.typing import NDArray
+
+import hagoromo as hg
+from hagoromo.image.film.film import strip
+from studies.published import BODIES, BROWSER, FLAGS, SIDE, SIZE, camera, feather, lamps
+
+CRACK_DEPTH, CRACK_WIDTH = 1.2e-4, 0.012  # m, and of half the side of the tile
+RING, RING_WIDTH = (-0.42, 0.45, 0.28), 0.05  # middle and radius, and width, of half the side
+FADED = ([400, 520, 600, 700], [0.24, 0.545, 0.81, 0.86])  # of the ring: by a hair other than the clay
+LINE = (36.0, 110.0, 300.0, 236.0)  # px, across the feather and the crack
+SHOWN_FRAMES = 6
+
+
+def closely(out: str | Path, force: bool = False, progress: hg.Progress = hg.silent) -> hg.HeightProfile:
+    """All pictures in the folder `out`; the profile."""
+    with hg.whole_folder(out, force) as home:
+        capture = hg.simulate(scene(), name="Cracked tile", progress=hg.part_of(progress, 0.0, 0.4))
+        measured = hg.measure(capture, progress=hg.part_of(progress, 0.4, 0.3))
+        measured.save(home / "measured")
+        maps = hg.inspection_maps(home / "measured")
+        maps.save(home / "maps")
+        found = hg.profile(home / "measured", LINE[:2], LINE[2:])
+        found.save(home / "profile.csv")
+        hg.raking(home / "measured", home / "raking", frames=24, longest=340)
+        hg.publish(home / "measured", home / "page.html")
+        pictures(home)
+        print(*maps.sentences, found.sentence, sep="\n")
+    progress(1.0, "")
+    return found
+
+
+def scene() -> hg.Scene:
+    """The tile of `studies.published`, with a crack across it and a ring of a pigment that has nearly faded."""
+    heights, glazed = feather()
+    axis = np.linspace(-1.0, 1.0, SIDE)
+    x, y = np.meshgrid(axis, axis)
+    path = 0.35 * x - 0.3 + 0.04 * np.sin(9.0 * x)
+    heights = heights - CRACK_DEPTH * np.exp(-(((y - path) / CRACK_WIDTH) ** 2))
+    ring = np.abs(np.hypot(x - RING[0], y - RING[1]) - RING[2]) < RING_WIDTH
+    metres = axis * SIZE / 2
+    vertices = np.stack([*np.meshgrid(metres, metres), heights], axis=-1).reshape(-1, 3)
+    index = np.arange(SIDE * SIDE).reshape(SIDE, SIDE)
+    a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]
+    faces = np.stack([np.stack([a, b, c], axis=-1), np.stack([a, c, d], axis=-1)], axis=2)
+    faces = faces.reshape(SIDE - 1, SIDE - 1, 2, 3)
+    glazed, ring = glazed[:-1, :-1], (ring & ~glazed)[:-1, :-1]
+    parts: dict[str, tuple[NDArray[np.bool_], Any, tuple[float, float, float]]] = {
+        "clay": (~glazed & ~ring, BODIES["clay"], (0.0, 0.3, 1.45)),
+        "faded": (ring, FADED, (0.0, 0.3, 1.45)),
+        "glaze": (glazed, BODIES["glaze"], (2.2, 0.07, 1.5)),
+    }
+    surfaces = []
+    for name, (chosen, body, gloss) in parts.items():
+        reflectance = hg.Reflectance(0.25, *gloss, hg.Spectrum(*body), name=name)
+        own = faces[chosen].reshape(-1, 3)
+        surfaces.append(hg.Surface(reflectance, vertices=vertices, faces=own, name=name, smooth=True))
+    return hg.Scene(camera(), tuple(lamps()), surfaces=tuple(surfaces))
+
+
+def pictures(home: Path) -> None:
+    """What the how-to shows, of the files in `home`."""
+    maps = [hg.read_png(home / "maps" / f"{name}.png") for name in ("curvature", "occlusion", "stretch")]
+    _write_jpeg(home / "maps.jpg", np.concatenate(maps, axis=1))
+    frames = sorted((home / "raking").glob("frame_*.png"))
+    some = [np.asarray(hg.read_png(one), np.uint8) for one in frames[:: len(frames) // SHOWN_FRAMES]]
+    _write_jpeg(home / "raking.jpg", strip(some))
+    page_picture(home / "page.html", home / "page.jpg")
+
+
+def page_picture(page: Path, out: Path) -> None:
+    """The page as Chromium shows it, with curvature and the heights along LINE."""
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as running:
+        browser = running.chromium.launch(executable_path=BROWSER, args=list(FLAGS))
+        shown = browser.new_page(viewport={"width": 1180, "height": 900})
+        shown.goto(page.resolve().as_uri())
+        shown.evaluate("() => hagoromo.ready")
+        shown.get_by_role("button", name="Curvature").click()
+        shown.keyboard.press("h")
+        shown.evaluate(f"() => hagoromo.profile([{LINE[0]}, {LINE[1]}], [{LINE[2]}, {LINE[3]}])")
+        shown.wait_for_timeout(1500)
+        shown.screenshot(path=out, type="jpeg", quality=85)
+        browser.close()
+
+
+def _write_jpeg(path: Path, picture: NDArray[np.uint8]) -> None:
+    from PIL import Image
+
+    Image.fromarray(picture).save(path, quality=88)
+
+
+def main(out: Path, force: bool = False) -> None:
+    """Write the pictures.
+
+    Args:
+        out: where to write the result.
+        force: replace an existing result.
+    """
+    with hg.progress_bar("closely") as progress:
+        closely(out, force, progress)
+
+
+if __name__ == "__main__":
+    tyro.cli(main)
