@@ -8,6 +8,8 @@ and maps.jpg, profile.png, raking.jpg and page.jpg, which the how-to shows.
 
 from __future__ import annotations
 
+import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,15 +24,17 @@ from studies.published import BODIES, BROWSER, FLAGS, SIDE, SIZE, camera, feathe
 CRACK_DEPTH, CRACK_WIDTH = 1.2e-4, 0.012  # m, and of half the side of the tile
 RING, RING_WIDTH = (-0.42, 0.45, 0.28), 0.05  # middle and radius, and width, of half the side
 FADED = ([400, 520, 600, 700], [0.24, 0.545, 0.81, 0.86])  # of the ring: by a hair other than the clay
-LINE = (36.0, 110.0, 300.0, 236.0)  # px, across the feather and the crack
+LINE = (246.0, 150.0, 280.0, 222.0)  # px, across the edge of the feather and the crack
 SHOWN_FRAMES = 6
+AWAY = 0.5  # m, of the camera
 
 
 def closely(out: str | Path, force: bool = False, progress: hg.Progress = hg.silent) -> hg.HeightProfile:
     """All pictures in the folder `out`; the profile."""
     with hg.whole_folder(out, force) as home:
         capture = hg.simulate(scene(), name="Cracked tile", progress=hg.part_of(progress, 0.0, 0.4))
-        measured = hg.measure(capture, progress=hg.part_of(progress, 0.4, 0.3))
+        capture = replace(capture, points=None, normals=None)  # as of a dome: the shape is not known
+        measured = hg.measure(capture, distance=AWAY, progress=hg.part_of(progress, 0.4, 0.3))
         measured.save(home / "measured")
         maps = hg.inspection_maps(home / "measured")
         maps.save(home / "maps")
@@ -93,7 +97,10 @@ def page_picture(page: Path, out: Path) -> None:
         shown.evaluate("() => hagoromo.ready")
         shown.get_by_role("button", name="Curvature").click()
         shown.keyboard.press("h")
-        shown.evaluate(f"() => hagoromo.profile([{LINE[0]}, {LINE[1]}], [{LINE[2]}, {LINE[3]}])")
+        data = json.loads(shown.evaluate("() => document.getElementById('hv-data').textContent"))
+        left, top = data["closely"]["errors"]["x"], data["closely"]["errors"]["y"]
+        start, end = [LINE[0] - left, LINE[1] - top], [LINE[2] - left, LINE[3] - top]
+        shown.evaluate(f"() => hagoromo.profile({start}, {end})")
         shown.wait_for_timeout(1500)
         shown.screenshot(path=out, type="jpeg", quality=85)
         browser.close()

@@ -51,6 +51,7 @@ def coverage(size, draws, lines):
         noisy += np.einsum("m,mhwi->hwi", random.standard_normal(2), modes)
         noisy = np.where(inside[..., None], noisy / np.linalg.norm(noisy, axis=2, keepdims=True), 0.0)
         solved = surface_from_normals(noisy, camera, 0.4, np.where(inside, own, 1.0), draws=1, modes=modes)
+        assert solved.modes is not None
         shared = SharedErrors(modes, solved.modes)
         measured = SeenSurface(camera, inside, solved.points, noisy, None, None, own, own, shared, True)
         for hit, line in zip(hits, lines, strict=True):

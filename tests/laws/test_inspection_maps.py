@@ -93,6 +93,7 @@ def test_the_error_of_the_curvature_is_the_scatter_of_measured_ones(width):
         found = curvature(seen(view, points, noisy, known, 2.0 * turn**2), width)
         values.append(found.value)
     inside = np.isfinite(found.value)
+    assert found.error is not None
     ratio = np.std(values, axis=0)[inside] / found.error[inside]
     assert np.sqrt(np.mean(ratio**2)) == pytest.approx(1.0, abs=0.03)
 
@@ -151,6 +152,7 @@ def test_noise_of_the_faintest_component_is_stated():
     grey = 0.2 + 0.05 * random.standard_normal((53, 47, 1))
     colours = np.repeat(grey, 3, axis=2) + 1e-3 * random.standard_normal((53, 47, 3))
     found = decorrelation_stretch(colours, np.ones((53, 47), bool), error=np.full(colours.shape, 1e-3))
+    assert found.noise is not None
     np.testing.assert_allclose(found.noise, [0.0, 1.0, 1.0], atol=0.06)
 
 

@@ -20,7 +20,7 @@ from hagoromo.measurement.measurement import Measurement
 
 Array = NDArray[np.float64]
 LEAST_LENGTH = 2.0  # px of a line
-FEWEST_KNOWN = 2  # places
+ZERO = 1e-9  # of a unit: what rounding makes of 0
 NO_ERRORS = "the shape was given without errors: there is no band"
 PARTS = "the line crosses a gap: how high one side stands over the other is not known from normals, and has no band"
 MANY_LAMPS = "errors of light between parts of the object, and of shadows that were not seen, are not in the band"
@@ -69,7 +69,8 @@ class HeightProfile:
     def sentence(self) -> str:
         """Its length, heights and band, in a line."""
         height, error, unit = self.height[self.known], self.error, self.unit
-        said = f"{self.distance[-1]:.4g} {unit} long, heights {height.min():.3g} to {height.max():.3g} {unit}"
+        low, high = (0.0 if abs(one) < ZERO else one for one in (height.min(), height.max()))
+        said = f"{self.distance[-1]:.4g} {unit} long, heights {low:.3g} to {high:.3g} {unit} over the chord"
         if not np.isfinite(error).any():
             return f"{said}, without a band"
         return f"{said}, known to ± {NORMAL_95 * np.nanmax(error):.2g} {unit} or better (95 %)"
