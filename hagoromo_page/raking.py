@@ -139,9 +139,10 @@ class RakingLight:
 
     def arriving(self, to_lamp: Array) -> Array:
         """(h, w) share of the lamp's light that nothing stands in the way of."""
-        maps, pixels = self.maps, np.nonzero(self.maps.known)
+        maps, (rows, columns) = self.maps, np.nonzero(self.maps.known)
+        pixels = rows, columns
         world = maps.camera.camera_to_world[:3, :3] @ (FLIP @ to_lamp)
-        height = height_over_horizon(self.points, maps.camera, pixels, np.broadcast_to(world, (len(pixels[0]), 3)))
+        height = height_over_horizon(self.points, maps.camera, pixels, np.broadcast_to(world, (len(rows), 3)))
         share = np.zeros(maps.known.shape)
         share[pixels] = np.clip(0.5 + 0.5 * height / LAMP_RADIUS, 0.0, 1.0)
         return share

@@ -24,7 +24,7 @@ from studies.published import BODIES, BROWSER, FLAGS, SIDE, SIZE, camera, feathe
 CRACK_DEPTH, CRACK_WIDTH = 1.2e-4, 0.012  # m, and of half the side of the tile
 RING, RING_WIDTH = (-0.42, 0.45, 0.28), 0.05  # middle and radius, and width, of half the side
 FADED = ([400, 520, 600, 700], [0.24, 0.545, 0.81, 0.86])  # of the ring: by a hair other than the clay
-LINE = (246.0, 150.0, 280.0, 222.0)  # px, across the edge of the feather and the crack
+LINE = (246.0, 150.0, 280.0, 222.0)  # px, across the crack
 SHOWN_FRAMES = 6
 AWAY = 0.5  # m, of the camera
 
@@ -78,7 +78,8 @@ def scene() -> hg.Scene:
 
 def pictures(home: Path) -> None:
     """What the how-to shows, of the files in `home`."""
-    maps = [hg.read_png(home / "maps" / f"{name}.png") for name in ("curvature", "occlusion", "stretch")]
+    names = "curvature", "occlusion", "stretch"
+    maps = [np.asarray(hg.read_png(home / "maps" / f"{name}.png"), np.uint8) for name in names]
     _write_jpeg(home / "maps.jpg", np.concatenate(maps, axis=1))
     frames = sorted((home / "raking").glob("frame_*.png"))
     some = [np.asarray(hg.read_png(one), np.uint8) for one in frames[:: len(frames) // SHOWN_FRAMES]]

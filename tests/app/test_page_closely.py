@@ -86,6 +86,7 @@ def test_curvature_and_stretched_colours_are_those_of_the_program(browser, page)
     known = np.isfinite(bent)
     assert known.sum() > 1000
     np.testing.assert_allclose(picture[known], wanted[known], atol=2.5 / 255)
+    assert surface.body is not None
     stretch = decorrelation_stretch(surface.body, surface.known)
     np.testing.assert_allclose(
         shown("Stretched colours")[surface.known[part]], stretch.shown[part][surface.known[part]] / 255.0, atol=5 / 255

@@ -31,6 +31,7 @@ class Worn(Relief):
 def integrated(relief, camera, seed, moved=None):
     """A measurement whose points are its noisy normals, integrated. moved: see `relief_measurement`."""
     plain = relief_measurement(relief, camera, seed, moved)
+    assert plain.photographed is not None
     seen_by = plain.photographed.camera
     rows, columns = np.mgrid[: camera.height, : camera.width] + 0.5
     points, normals, inside = places(relief, camera, rows, columns)
@@ -51,9 +52,10 @@ def integrated(relief, camera, seed, moved=None):
 
 def section(relief, seed=1):
     """Of a relief in another world and under another camera, against the one that nothing happened to."""
-    return hg.change(
-        integrated(Relief(), BEFORE, seed), integrated(relief, AFTER, seed + 50, ELSEWHERE), line=LINE
-    ).section
+    later = integrated(relief, AFTER, seed + 50, ELSEWHERE)
+    found = hg.change(integrated(Relief(), BEFORE, seed), later, line=LINE).section
+    assert found is not None
+    return found
 
 
 def test_a_flake_is_found_along_the_line():

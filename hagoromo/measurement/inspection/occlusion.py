@@ -25,7 +25,8 @@ DIRECTIONS = 32  # half planes
 
 def occlusion(surface: SeenSurface, directions: int = DIRECTIONS, progress: Progress = silent) -> Array:
     """(h, w) open share of the sky, 0 … 1, NaN where unknown. directions: number of half planes."""
-    pixels = np.nonzero(surface.known)
+    rows, columns = np.nonzero(surface.known)
+    pixels = rows, columns
     relief = HeightField(np.where(surface.known[..., None], surface.points, 0.0), surface.camera, pixels)
     ray = surface.camera.pixel_directions()
     turns = [np.gradient(ray, axis=axis)[pixels] for axis in (1, 0)]

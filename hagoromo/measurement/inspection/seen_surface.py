@@ -86,7 +86,7 @@ class SeenSurface:
         shared = self.shared
         if shared is not None:
             parts = (np.stack([_means(one, step) for one in of]) for of in (shared.normals, shared.distance))
-            shared = SharedErrors(*parts)
+            shared = SharedErrors(*(one.astype(np.float32) for one in parts))
         return replace(self, camera=camera, known=known, shared=shared, **maps)
 
     def _maps(self) -> Mapping[str, NDArray]:
@@ -121,9 +121,9 @@ def seen_surface(measurement: Measurement, taken: Photographed | None = None) ->
     if own is not None and shared is not None:
         shared = shared.of_size(known.shape)
         own = np.maximum(own - only(shared.variances[0]), 0.0)
-    summed = None if fine is not None else measurement.summed_variance
-    if own is not None and summed is not None:
-        summed = np.maximum(own, only(np.minimum(summed, UNKNOWN_DIRECTION)))
+    summed = own
+    if own is not None and fine is None and measurement.summed_variance is not None:
+        summed = np.maximum(own, only(np.minimum(measurement.summed_variance, UNKNOWN_DIRECTION)))
     return SeenSurface(
         taken.camera,
         known,
@@ -132,7 +132,7 @@ def seen_surface(measurement: Measurement, taken: Photographed | None = None) ->
         None if body is None else only(np.nan_to_num(body)),
         body_error,
         own,
-        own if summed is None else summed,
+        summed,
         None if own is None else shared,
         has_scale(measurement, taken),
     )
