@@ -48,8 +48,8 @@ def maps(
     """Measured object → maps of curvature, occlusion and stretched colours: EXR with the values, PNG to look at.
 
     Curvature is the mean curvature in 1/mm, with its standard error: grooves below 0, ridges above. Occlusion is the
-    share of the sky that the surface around each pixel leaves open. The decorrelation stretch pulls body colours apart
-    as far as they differ. Without a scale lengths are in pixels.
+    share of the sky that the surface around each pixel leaves open. The decorrelation stretch makes faint differences
+    of the body colours as strong as the others. Without a scale lengths are in pixels.
 
     Args:
         measured: folder that `measure` wrote.

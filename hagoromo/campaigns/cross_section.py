@@ -23,7 +23,7 @@ from hagoromo.measurement.inspection.profile import HeightProfile, Point, chord_
 from hagoromo.measurement.inspection.seen_surface import SeenSurface
 
 Array = NDArray[np.float64]
-MEETINGS = 4  # steps in which AFTER's surface is found on the plane of the section
+STEPS = 4  # steps in which AFTER's surface is found on the plane of the section
 FEWEST_KNOWN = 3  # places that both show
 
 
@@ -103,7 +103,7 @@ def cross_section(
     points = points_at(before, own.image)
     if not np.isfinite(points).all(axis=1).sum() > FEWEST_KNOWN:
         raise InputError("hardly a place of the line is known: draw it over the surface")
-    found = _met(before, after, registration.to_after, points)
+    found = _after_heights(before, after, registration.to_after, points)
     if not np.isfinite(found.height[[0, -1]]).all():
         raise InputError("an end of the line is not shown by AFTER: draw it where both measurements show the surface")
     factor, scale = before.units_per_metre, registration.to_after.scale
@@ -114,7 +114,9 @@ def cross_section(
         own_error[known], shared[known] = (factor / scale * np.sqrt(one) for one in height_variance(after, places))
     slopes = np.zeros((len(known), PARAMETERS - 1))
     for k, one in enumerate(STEP * np.eye(PARAMETERS)[: PARAMETERS - 1]):
-        up, down = (_met(before, after, registration.moved(side * one), points).height for side in (1.0, -1.0))
+        up, down = (
+            _after_heights(before, after, registration.moved(side * one), points).height for side in (1.0, -1.0)
+        )
         slopes[:, k] = (up - down) / (2.0 * STEP)
     moved = np.sqrt(np.maximum(np.einsum("nk,kl,nl->n", slopes, registration.covariance, slopes), 0.0))
     other = replace(own, height=factor * found.height, own=own_error, shared=shared, remarks=())
@@ -122,7 +124,7 @@ def cross_section(
 
 
 @dataclass(frozen=True, eq=False)
-class _Met:
+class _AfterHeights:
     """AFTER's surface on the plane of the section: height over its chord [m of BEFORE], and what its error needs."""
 
     height: Array
@@ -132,12 +134,12 @@ class _Met:
     away: Array
 
 
-def _met(before: SeenSurface, after: SeenSurface, to_after: Similarity, points: Array) -> _Met:
+def _after_heights(before: SeenSurface, after: SeenSurface, to_after: Similarity, points: Array) -> _AfterHeights:
     """Where AFTER's surface is over the chord of `points` (n, 3), BEFORE's along the line."""
     chord, up = chord_axes(before, points)
     share = (points - points[0]) @ chord / ((points[-1] - points[0]) @ chord)
     here, place = points, points
-    for _ in range(MEETINGS):  # along `up` from each point of BEFORE to AFTER's surface
+    for _ in range(STEPS):  # along `up` from each point of BEFORE to AFTER's surface
         image = after.camera.project(to_after.points(place))
         here = to_after.inverse.points(points_at(after, image))
         place = points + ((here - points) @ up)[:, None] * up
@@ -146,4 +148,4 @@ def _met(before: SeenSurface, after: SeenSurface, to_after: Similarity, points: 
     there = to_after.points(here) - after.camera.position
     away = np.linalg.norm(there, axis=1)
     along = there @ to_after.directions(up) / away
-    return _Met(height, image, np.clip(np.nan_to_num(share), 0.0, 1.0), along, away)
+    return _AfterHeights(height, image, np.clip(np.nan_to_num(share), 0.0, 1.0), along, away)

@@ -316,7 +316,7 @@ def close_views(look: CloseLook, scales: dict[str, Any]) -> list[dict[str, Any]]
         | {"stops": OPEN_STOPS},
     ]
     if look.stretch is not None:
-        note = "Decorrelation stretch: colours pulled apart as far as they differ. Hues are no longer true."
+        note = "Decorrelation stretch: faint differences are as strong as the others. Hues are no longer true."
         views.append({"label": "Stretched colours", "number": 9, "note": note})
     return views
 

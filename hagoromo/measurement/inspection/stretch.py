@@ -1,4 +1,4 @@
-"""Stretch: colours of a surface pulled apart as far as they differ, so that faint ones stand out.
+"""Stretch: colours of a surface whose faint differences are made as strong as the others.
 
 Decorrelation stretch (Gillespie, Kahle & Walker 1986): body colours x are turned into their principal components,
 each of these is divided by its standard deviation, and turned back. With mean m and covariance C = S V Λ Vᵀ S,
