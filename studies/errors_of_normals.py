@@ -22,8 +22,8 @@ from scipy.stats import chi2
 
 import hagoromo as hg
 from hagoromo.measurement.normals.gloss_estimate import measurement_of
-from hagoromo.measurement.surface.depth import DepthSurface, surface_from_normals
-from studies.faulty_balls import BETA, CONDITIONS, FOCAL, GAMMA, PIXEL, FaultyBall, faulty_ball
+from hagoromo.measurement.surface.depth import DepthSurface, surface_of
+from studies.faulty_balls import BETA, CONDITIONS, GAMMA, PIXEL, FaultyBall, faulty_ball
 from studies.table import print_table
 from studies.uw_psm import read_lamps, read_object, sphere_normals
 
@@ -67,9 +67,8 @@ def _of_real(folder: Path, chosen: tuple[int, ...]) -> dict[str, Array]:
 def _solved(capture: hg.Capture, truth: FaultyBall) -> tuple[dict[str, Array], tuple[bool, bool]]:
     """Errors of each pixel beside the stated ones, and whether the intervals of β and γ hold."""
     solved = hg.solve_normals(capture)
-    surface = surface_from_normals(
-        solved.normals, capture.photographs[0].camera, FOCAL * PIXEL, solved.own_variance, modes=solved.modes
-    )
+    camera = capture.photographs[0].camera
+    surface = surface_of(solved, camera, float(np.linalg.norm(camera.position)))
     material = measurement_of(capture, solved).materials[0]
     holds = [low <= true <= high for true, (low, high) in _pairs(material)]
     return _pixels(solved, surface, truth), (holds[0], holds[1])

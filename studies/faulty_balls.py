@@ -18,7 +18,7 @@ import hagoromo as hg
 from hagoromo.backend import arrays
 
 Array = NDArray[Any]
-FOCAL = 1e5  # px: the view is nearly orthographic
+FOCAL = 1e6  # px: a ball is seen along one direction; depth is off by 5e-4 px
 PIXEL = 5e-4  # m
 FINER = 3  # points along a side of a pixel
 FULL_WELL, READ_NOISE, BITS = 20_000.0, 10.0, 8  # electrons

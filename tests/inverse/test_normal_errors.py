@@ -45,28 +45,31 @@ def test_blocks_are_a_lamp_and_those_nearest_to_it(lamps, size, freedom):
 
 def test_a_plane_has_no_footprint_and_a_ball_has_that_of_its_curvature():
     plane = np.broadcast_to([0.0, 0.6, 0.8], (7, 5, 3))
-    inner = footprint(plane)[1:-1, 1:-1]
+    inner = footprint(plane)[:, 1:-1, 1:-1]
     assert np.abs(inner).max() < 1e-20
     radius, size = 60.0, 131
-    ball = footprint(sphere(size, radius))
+    edges, curved = footprint(sphere(size, radius))
     middle = size // 2
     # N = (x, y, z): z has ∂²z/∂x² = −(1 − y²) / z³ and ∂²z/∂y² = −(1 − x²) / z³ in radii; the tangential part of a
-    # vector along z is its √(1 − z²)
+    # vector along z is its √(1 − z²), and the mean over a pixel is off by 1/24 of their sum
     column, normal = middle + 30, sphere(size, radius)
     x, y, z = normal[middle, column]
-    bend = np.array([1.0 - y * y, 1.0 - x * x]) / z**3 * np.sqrt(1.0 - z * z) / radius**2
-    np.testing.assert_allclose(ball[middle, column], np.sum((bend / 24.0) ** 2), rtol=5e-3)  # differences of a pixel
+    bend = (2.0 - y * y - x * x) / z**3 * np.sqrt(1.0 - z * z) / radius**2
+    np.testing.assert_allclose(np.linalg.norm(curved[middle, column]), bend / 24.0, rtol=5e-3)  # of a pixel's width
     # at the edge: the mean square of ¼ px × a uniform number, times the change of the normal per pixel
     edge = np.flatnonzero(np.linalg.norm(normal[middle], axis=1) > 0.5)[-1]
     change = np.sum((normal[middle, edge] - normal[middle, edge - 1]) ** 2)
-    assert change / 48.0 <= ball[middle, edge] < 3.0 * change / 48.0
+    # the part of it that turns the normal is √(1 − change/4) of its length
+    found = np.sum(edges[middle, edge] ** 2)
+    np.testing.assert_allclose(found, change * (1.0 - change / 4.0) / 48.0, rtol=1e-9)
 
 
 def test_modes_that_hold_nearly_all_keep_the_whole_variance():
     random = np.random.default_rng(0)
     few = random.normal(size=(3, 50, 3))
     modes = np.concatenate([few, 1e-3 * random.normal(size=(8, 50, 3))])
-    errors = PixelErrors(np.ones(50), modes, np.ones((2, 50)), random.normal(size=(11, 2, 50)))
+    bodies = random.normal(size=(11, 2, 50))
+    errors = PixelErrors(np.ones(50), modes, np.zeros(50), np.ones((2, 50)), bodies, np.zeros((2, 50, 3)))
     kept = errors.leading()
     assert len(kept.modes) == 3
     np.testing.assert_allclose(kept.own + kept.shared, errors.own + errors.shared, rtol=1e-12)

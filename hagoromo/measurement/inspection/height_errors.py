@@ -5,10 +5,10 @@ normal so moves all that lies around it: distances err far, and neighbours nearl
 h = d − (1 − s) d₀ − s d₁, is nearly free of that. With A = DᵀWD the matrix of the integration, and c the row that makes
 h of the distances, its change by the normals n is
 
-    ∂h/∂n = cᵀ A⁻¹ Dᵀ W ∂(steps)/∂n,
+    ∂h/∂n = cᵀ A⁻¹ Dᵀ W ∂(chords)/∂n,
 
 solved once for each height. The squares of it, times the variances of the normals, add up. Beside them stand the error
-of the trapezoidal rule, as the integration has it, and what all pixels share, whose distances the measurement states.
+of the rule of chords, as the integration has it, and what all pixels share, whose distances the measurement states.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, map_coordinates
 
 from hagoromo.measurement.inspection.seen_surface import SeenSurface
-from hagoromo.measurement.surface.depth import GAUGE, Graph, bends, graph_of_normals, slopes_by_normals
+from hagoromo.measurement.surface.depth import GAUGE, Graph, graph
 
 Array = NDArray[np.float64]
 MOST_PIXELS = 60_000  # around a line, whose errors are followed; more are averaged over squares
@@ -72,17 +72,14 @@ def distance_errors(surface: SeenSurface, draws: int, seed: int = 0) -> Array:
     surface: with errors, of MOST_PIXELS or fewer.
     """
     assert surface.summed_variance is not None
-    net = graph_of_normals(surface.normals, surface.camera, surface.known, surface.own_variance)
+    net = graph(surface.normals, surface.camera, surface.known, surface.own_variance)
     level = np.log(surface.away[surface.known])
     gauge = np.full(len(level), GAUGE * net.typical)
     net = net.settled(level, gauge)
-    turns, random = slopes_by_normals(surface.normals, surface.camera, surface.known), np.random.default_rng(seed)
-    root = np.sqrt(0.5 * surface.summed_variance[surface.known])[:, None]
-    slopes = np.zeros((draws, *surface.known.shape, 2))
-    for k in range(draws):
-        slopes[k, surface.known] = np.einsum("pai,pi->pa", turns, root * random.standard_normal((len(root), 3)))
+    random, root = np.random.default_rng(seed), np.sqrt(0.5 * surface.summed_variance[surface.known])[:, None]
+    changes = (net.chords.of_errors(root * random.standard_normal((len(root), 3))) for _ in range(draws))
     found = np.zeros((draws, *surface.known.shape))
-    found[:, surface.known] = net.responses(slopes, np.zeros(len(level))) / np.sqrt(max(draws, 1))
+    found[:, surface.known] = net.responses(changes, np.zeros(len(level))) / np.sqrt(max(draws, 1))
     found = found * surface.away
     shared = () if surface.shared is None else surface.shared.distance
     return np.concatenate([found, *(np.where(surface.known, mode, 0.0)[None] for mode in shared)]).astype(np.float64)
@@ -100,20 +97,19 @@ def short_error(surface: SeenSurface, step: float) -> Array:
 def _own(surface: SeenSurface, places: Places) -> Array:
     """(n,) own variance [m²]."""
     near, corner, step = _around(surface, places.image)
-    net = graph_of_normals(near.normals, near.camera, near.known, near.own_variance)
+    net = graph(near.normals, near.camera, near.known, near.own_variance)
     level = np.log(near.away[near.known])
     net = net.settled(level, np.full(len(level), GAUGE * net.typical))
     solve = net.solver(net.open, np.full(len(level), GAUGE * net.typical))
-    turns = slopes_by_normals(near.normals, near.camera, near.known)
-    # a slope changes less from pixel to pixel than from square to square
-    weight, bend = net.weight * net.open, (bends(near.normals, near.camera, near.known) / step) ** 2
+    # normals turn less from pixel to pixel than from square to square
+    weight, rule = net.weight * net.open, (net.chords.rule / step) ** 2
     assert near.summed_variance is not None
     half = 0.5 * near.summed_variance[near.known]  # of a turn about one axis
     found = np.zeros(len(places.share))
     for k, row in enumerate(_rows(net, (places.image - corner) / step, places)):
         steps = weight * (net.difference @ solve(row))
-        by_turn = np.einsum("pa,pai->pi", net.by_slopes(steps), turns)
-        found[k] = float(half @ np.sum(by_turn**2, axis=1)) + float(bend @ steps**2)
+        by_turn = net.chords.by_normals(steps)
+        found[k] = float(half @ np.sum(by_turn**2, axis=1)) + float(rule @ steps**2)
     if step > 1:
         short = float(np.mean(short_error(near, step)[near.known] ** 2))
         ends = (1.0 - places.share) ** 2 + places.share**2
@@ -133,11 +129,11 @@ def _around(surface: SeenSurface, image: Array) -> tuple[SeenSurface, Array, int
 
 def _rows(net: Graph, at: Array, places: Places) -> Array:
     """(n, P) that make heights of ln distances of the pixels of the graph."""
-    index = np.full(net.known.shape, -1)
-    index[net.known] = np.arange(net.known.sum())
-    nearest = np.asarray(distance_transform_edt(~net.known, return_distances=False, return_indices=True))
-    height, width = net.known.shape
-    rows = np.zeros((len(at), int(net.known.sum())))
+    index = np.full(net.chords.known.shape, -1)
+    index[net.chords.known] = np.arange(net.chords.known.sum())
+    nearest = np.asarray(distance_transform_edt(~net.chords.known, return_distances=False, return_indices=True))
+    height, width = net.chords.known.shape
+    rows = np.zeros((len(at), int(net.chords.known.sum())))
     low = np.floor(at - 0.5).astype(int)
     for down in (0, 1):
         for right in (0, 1):

@@ -5,12 +5,13 @@ quite as the model has them. There are three parts.
 
 Shared: blocks of neighbouring lamps are left out in turn, and everything (gloss, the other lamps, normals, bodies) is
 moved by one Gauss–Newton step. Each change, averaged over neighbouring pixels, is a field of errors, a mode: their
-squares sum to the variance of the jackknife (Künsch 1989). Lamps near one another have errors in common, so that they
+squares sum to the variance of the jackknife (Künsch 1989). Noise of the pixels is left in these means, by as much as
+their scatter says; it is their own, and taken off. Lamps near one another have errors in common, so that they
 are left out together: the cube root of their number, which is optimal for variances (Hall, Horowitz & Jing 1995).
 
 Own: the variance that noise and model error give, times how much larger the changes are, beside those of the
 neighbours, when each lamp is left out of a pixel (the sandwich with lamps as clusters; MacKinnon & White 1985, HC2).
-Each pixel also shows more than its middle: `footprint`.
+Each pixel also shows more than its middle: `footprint`, smoothed as normals were.
 """
 
 from __future__ import annotations
@@ -27,11 +28,13 @@ from hagoromo.measurement.normals.photometric_model import Fit, further_lobes
 from hagoromo.measurement.normals.photometric_step import OF_LAMP, PixelProblem, PixelStep, pack_shared, unpack_shared
 from hagoromo.measurement.normals.pixel_errors import UNKNOWN_DIRECTION, PixelErrors, footprint
 from hagoromo.measurement.normals.shading import tangents
+from hagoromo.measurement.normals.smooth_normals import smoothed_modes
 from hagoromo.measurement.normals.views import FEWEST_LAMPS, Array, Views
 
 SAMPLED_VALUES, FEWEST_SAMPLED = 24_000, 400  # lamps × pixels in which lamps are left out, and pixels at least
 MOST_BLOCKS = 24  # of lamps
 NEIGHBOURS = 9  # sampled pixels over which changes are averaged
+POOLED = 81  # sampled pixels over which the share of their noise is averaged
 RIDGE = 1e-6  # of a pixel's curvature: where the other lamps do not determine its normal
 
 
@@ -50,12 +53,13 @@ def with_errors(views: Views, fit: Fit, seed: int = 0) -> Fit:
     changes, gloss = _blocks_left_out(step, fit, blocks)
     wider = float(student.ppf(0.975, freedom)) / NORMAL_95
     factor, of_body = _own(step)
-    nearest = _nearest(views, step.problem.views)
+    nearest, changes = _nearest(views, step.problem.views), _without_noise(changes, step.problem.views)
     changes = wider * np.stack([one[nearest].mean(axis=1) for one in changes])
     modes, of_bodies = changes[..., :3], np.moveaxis(changes[..., 3:], 2, 1)
     modes -= np.einsum("mpi,pi->mp", modes, fit.normals)[..., None] * fit.normals
-    own = fit.variance * factor[nearest[:, 0]] + footprint(views.image(fit.normals))[views.rows, views.columns]
-    errors = PixelErrors(np.minimum(own, UNKNOWN_DIRECTION), modes, of_body[nearest[:, 0]].T, of_bodies).leading()
+    own = np.minimum(fit.variance * factor[nearest[:, 0]], UNKNOWN_DIRECTION)
+    width = smoothed_modes(views, fit, footprint(views.image(fit.normals))[:, views.rows, views.columns])
+    errors = PixelErrors(own, modes, np.zeros(len(own)), of_body[nearest[:, 0]].T, of_bodies, width).leading()
     covariance = fit.covariance + wider**2 * gloss
     return replace(fit, errors=errors, variance=errors.variance, covariance=covariance)
 
@@ -148,10 +152,23 @@ def _own(step: PixelStep) -> tuple[Array, Array]:
     return factor[:, 0], factor[:, 1:] * noise[:, 1:]
 
 
-def _nearest(of: Views, among: Views) -> NDArray[np.intp]:
+def _without_noise(changes: Array, sample: Views) -> Array:
+    """(m, S, 3 + C) `changes` of the sampled pixels, made smaller by the share of the squares of their means over
+    neighbours that noise of these pixels has.
+    """
+    nearest, around = _nearest(sample, sample), _nearest(sample, sample, POOLED)
+    noise = sum(one[nearest].var(axis=1) for one in changes) / max(nearest.shape[1] - 1, 1)
+    squared = sum(one[nearest].mean(axis=1) ** 2 for one in changes)
+    for turn in (squared, noise):  # the directions of a normal have one share
+        turn[:, :3] = turn[:, :3].sum(axis=1, keepdims=True)
+    squared, noise = (one[around].mean(axis=1) for one in (squared, noise))
+    return changes * np.sqrt(np.maximum(1.0 - noise / np.maximum(squared, 1e-300), 0.0))
+
+
+def _nearest(of: Views, among: Views, most: int = NEIGHBOURS) -> NDArray[np.intp]:
     """(P, n) numbers of the pixels `among` that are nearest to each pixel `of`, nearest first."""
     from scipy.spatial import KDTree
 
-    count = min(NEIGHBOURS, len(among.rows))
+    count = min(most, len(among.rows))
     places = [np.stack([one.rows, one.columns], axis=1) for one in (among, of)]
     return np.asarray(KDTree(places[0]).query(places[1], count)[1], np.intp).reshape(len(of.rows), count)

@@ -11,6 +11,7 @@ independent values (`independent_share`).
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 from hagoromo.least_squares.loss import CAUCHY_SCALE
 from hagoromo.measurement.gloss.solved_gloss import with_solved_gloss
 from hagoromo.measurement.material.segment import segment
+from hagoromo.measurement.normals.drawn_errors import independent_variance, own_errors
 from hagoromo.measurement.normals.gloss_choice import BY_EVIDENCE, GlossModel, choose_gloss
 from hagoromo.measurement.normals.lamp_shift import shifted_lamps
 from hagoromo.measurement.normals.lobe_fit import with_lobes, with_lobes_refined
@@ -26,7 +28,6 @@ from hagoromo.measurement.normals.normal_errors import with_errors
 from hagoromo.measurement.normals.photometric_model import Fit, Prior, precision
 from hagoromo.measurement.normals.photometric_rounds import independent_share
 from hagoromo.measurement.normals.photometric_step import PixelProblem
-from hagoromo.measurement.normals.pixel_errors import UNKNOWN_DIRECTION
 from hagoromo.measurement.normals.pixel_fit import PixelConditions, fit_pixels
 from hagoromo.measurement.normals.shading import LEAST_COSINE, TAIL, Gloss
 from hagoromo.measurement.normals.smooth_normals import conditions, with_smooth_normals
@@ -37,7 +38,6 @@ from hagoromo.progress import Progress, part_of, silent
 START_GLOSS = (np.log(1.0), np.log(0.3), 0.0, 0.0)  # ln β, ln γ [rad], σ, ln(1 + ε) at the start
 START_ERROR = 0.02  # relative error of Lambert's law in the weights of the start
 LAMBERT_REWEIGHTINGS = 10
-LEAST_SHARE = 1e-3  # of the own variance that smoothing leaves
 SUBSET = 2000  # pixels, at most, from which gloss and lamps are estimated
 SUBSET_VALUES, FEWEST_OF_SUBSET = 80_000, 600  # lamps × pixels of it, at most, and pixels that it has in any case
 
@@ -65,11 +65,12 @@ class NormalMap:
 
         Smoothed normals err less, but as their neighbours do: in sums over pixels they count as before.
         """
-        errors, smooth = self.fit.errors, self.fit.smooth
-        own = self.fit.variance if errors is None else errors.own
-        if smooth is not None:
-            own = np.minimum(own / np.maximum(smooth.share, LEAST_SHARE), UNKNOWN_DIRECTION)
-        return self.views.image(own.astype(np.float32), np.inf)
+        return self.views.image(independent_variance(self.fit).astype(np.float32), np.inf)
+
+    def own_errors(self) -> Callable[[np.random.Generator], Array]:
+        """What draws errors (h, w, 3) [rad] of the normals that are their own, as neighbours share them; world axes."""
+        draw = own_errors(self.views, self.fit)
+        return lambda random: self.views.image(draw(random))
 
     @property
     def modes(self) -> NDArray[np.float32] | None:
@@ -77,7 +78,7 @@ class NormalMap:
         errors = self.fit.errors
         if errors is None:
             return None
-        return np.stack([self.views.image(mode.astype(np.float32)) for mode in errors.modes])
+        return np.stack([self.views.image(mode.astype(np.float32)) for mode in (*errors.modes, *errors.width)])
 
     @property
     def body_error(self) -> Array | None:

@@ -27,17 +27,23 @@ class PixelErrors:
     own: (P,) variance of the direction [rad²], the sum over two turns; independent between pixels. modes: (m, P, 3)
     changes of the normal [rad], world axes: the errors that pixels share are Σ_j x_j modes_j with independent x_j of
     variance 1.
+    rest: (P,) part of `own` that smoothing over neighbours does not change. width: (n, P, 3) further modes, by the
+    width of a pixel (`footprint`), with which body colours do not change.
     body, body_modes: (C, P) and (m, C, P) the same of the relative body colours, over the unit of all lamps.
     """
 
     own: Array
     modes: Array
+    rest: Array
     body: Array
     body_modes: Array
+    width: Array
 
     def pixels(self, chosen: NDArray) -> PixelErrors:
         """Those of some pixels."""
-        return PixelErrors(self.own[chosen], self.modes[:, chosen], self.body[:, chosen], self.body_modes[:, :, chosen])
+        own, rest = self.own[chosen], self.rest[chosen]
+        bodies, modes, width = self.body_modes[:, :, chosen], self.modes[:, chosen], self.width[:, chosen]
+        return PixelErrors(own, modes, rest, self.body[:, chosen], bodies, width)
 
     def leading(self, kept: float = KEPT) -> PixelErrors:
         """The same with the fewest modes that hold this share of the shared variance; the rest is the pixels' own."""
@@ -45,9 +51,10 @@ class PixelErrors:
         size, turned = np.maximum(size[::-1], 0.0), turned[:, ::-1]
         count = int(np.searchsorted(np.cumsum(size), kept * size.sum())) + 1
         modes, bodies = (np.tensordot(turned[:, :count].T, one, axes=1) for one in (self.modes, self.body_modes))
-        found = PixelErrors(self.own, modes, self.body, bodies)
-        own, body = self.shared - found.shared, np.sum(self.body_modes**2, axis=0) - np.sum(bodies**2, axis=0)
-        return PixelErrors(self.own + np.maximum(own, 0.0), modes, self.body + np.maximum(body, 0.0), bodies)
+        shared = np.einsum("mpi,mpi->p", modes, modes)
+        own, body = self.shared - shared, np.sum(self.body_modes**2, axis=0) - np.sum(bodies**2, axis=0)
+        own, body = np.maximum(own, 0.0), np.maximum(body, 0.0)
+        return PixelErrors(self.own + own, modes, self.rest + own, self.body + body, bodies, self.width)
 
     @property
     def shared(self) -> Array:
@@ -56,8 +63,8 @@ class PixelErrors:
 
     @property
     def variance(self) -> Array:
-        """(P,) of the direction [rad²]: own and shared."""
-        return np.minimum(self.own + self.shared, UNKNOWN_DIRECTION)
+        """(P,) of the direction [rad²]: own, shared, and by the width of a pixel."""
+        return np.minimum(self.own + self.shared + np.sum(self.width**2, axis=(0, 2)), UNKNOWN_DIRECTION)
 
     @property
     def body_variance(self) -> Array:
@@ -66,23 +73,20 @@ class PixelErrors:
 
 
 def footprint(image: Array) -> Array:
-    """(h, w) variance [rad²] of the direction of normals (h, w, 3), 0 where unknown: a pixel has a width."""
+    """(2, h, w, 3) modes [rad] of normals (h, w, 3), 0 where unknown, by the width of a pixel: that of pixels at the
+    edge, and that of the curvature. Each is alike all around an object.
+    """
     known = np.linalg.norm(image, axis=2) > 0.5
-    slope, bend, edge = np.zeros(known.shape), np.zeros(known.shape), np.zeros(known.shape, bool)
+    modes = np.zeros((2, *image.shape))
     for axis in (0, 1):
         before, after = (_moved(image, axis, step) for step in (1, -1))
-        here = [np.linalg.norm(one, axis=2) > 0.5 for one in (before, after)]
-        steps = [
-            np.where(is_known, np.sum((one - image) ** 2, axis=2), 0.0)
-            for one, is_known in zip((before, after), here, strict=True)
-        ]
-        slope += np.maximum(*steps)
-        both = here[0] & here[1]
-        second = np.where(both[..., None], before + after - 2.0 * image, 0.0)
-        along = np.sum(second * image, axis=2, keepdims=True) * image
-        bend += np.sum((second - along) ** 2, axis=2)
-        edge |= ~both
-    return OFF_MIDDLE * np.where(edge, slope, 0.0) + OF_CURVATURE**2 * bend
+        has_before, has_after = (np.linalg.norm(one, axis=2) > 0.5 for one in (before, after))
+        beside = np.where(has_before[..., None], before, after) - image
+        modes[0] += math.sqrt(OFF_MIDDLE) * np.where((has_before ^ has_after)[..., None], beside, 0.0)
+        second = before + after - 2.0 * image
+        modes[1] += OF_CURVATURE * np.where((has_before & has_after)[..., None], second, 0.0)
+    modes -= np.sum(modes * image, axis=3, keepdims=True) * image
+    return np.where(known[..., None], modes, 0.0)
 
 
 def _moved(image: Array, axis: int, step: int) -> Array:

@@ -55,7 +55,9 @@ def with_smooth_normals(views: Views, fit: Fit) -> Fit:
     variance = _finite(scatter * fit.variance)
     normals, share = surface.smoothed(fit.normals, variance), surface.share(fit.normals, variance)
     share = np.minimum(share + flattened(views, fit.normals, normals, variance, share) / variance, 1.0)
-    fit = replace(fit, normals=normals, variance=share * fit.variance, smooth=SmoothShare(stiffness, gain, share))
+    fit = replace(
+        fit, normals=normals, variance=share * fit.variance, smooth=SmoothShare(stiffness, gain, share, variance)
+    )
     return replace(fit, body=bodies_at(views, fit))
 
 
@@ -72,6 +74,19 @@ def conditions(views: Views, fit: Fit, place: Array | None = None) -> PixelCondi
     model_error = fit.model_error if fit.lobes is None else max(fit.model_error, RELATIVE_ERROR)
     even = fit.evenness(views.place if place is None else place)
     return PixelConditions(fit.rows, even, precision(views, model_error), further_rows(fit))
+
+
+def smoother_of(views: Views, fit: Fit) -> Callable[[Array], Array]:
+    """What smooths changes (P, 3) of the normals of `fit` as these were; where they were not, changes stay."""
+    if fit.smooth is None:
+        return lambda changes: changes
+    return SmoothField(views, fit.smooth.stiffness).smoother(fit.normals, fit.smooth.variance)
+
+
+def smoothed_modes(views: Views, fit: Fit, modes: Array) -> Array:
+    """(m, P, 3) changes of the normals of `fit` that were `modes` (m, P, 3) before these were smoothed."""
+    smoother = smoother_of(views, fit)
+    return np.stack([smoother(mode) for mode in modes])
 
 
 def noise_factor(views: Views, both: Sequence[NormalFit]) -> Array:
@@ -168,6 +183,19 @@ class SmoothField:
         found = found + short[:, None] * self.views.to_eye
         return found / np.linalg.norm(found, axis=1, keepdims=True)
 
+    def smoother(self, normals: Array, variance: Array) -> Callable[[Array], Array]:
+        """What smooths small changes (P, 3) of smooth `normals` (P, 3), which were of `variance` (P,) [rad²]."""
+        across, axes = _across(normals, self.views), _axes(self.views)
+        systems = self._systems(across, variance)
+        there, height = across[:, 2] > LEAST_COSINE, np.maximum(across[:, 2], LEAST_COSINE)
+
+        def smoothed(changes: Array) -> Array:
+            both = [solve(weight * x) for x, (_, weight, solve) in zip((changes @ axes.T).T, systems, strict=False)]
+            third = -(across[:, 0] * both[0] + across[:, 1] * both[1]) / height  # unit normals stay so
+            return np.where(there[:, None], np.stack([*both, third], axis=1) @ axes, changes)
+
+        return smoothed
+
     def share(self, normals: Array, variance: Array) -> Array:
         """(P,) share of the variance of a normal that is left in the smooth one, at most 1.
 
@@ -184,6 +212,8 @@ class SmoothField:
                 probe = np.where(place == number, random.choice([-1.0, 1.0], len(place)), 0.0)
                 left[i] += probe * solve(probe)
         slope2 = across[:, :2].T ** 2 / np.maximum(across[:, 2], LEAST_COSINE) ** 2  # of the third component
+        if reach > step:  # probes reach one another: their random signs cancel over a neighbourhood
+            left = np.stack([_around(self.views, part) for part in left])
         share = np.sum(left * (1.0 + slope2), axis=0) / variance
         return np.where(across[:, 2] > LEAST_COSINE, np.clip(share, 0.0, 1.0), 1.0)
 

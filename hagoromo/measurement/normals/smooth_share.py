@@ -13,7 +13,8 @@ Array = NDArray[np.float64]
 @dataclass(frozen=True, eq=False)
 class SmoothShare:
     """stiffness: λ [rad⁻²] of `smooth_normals`. gain: share of the squared distance between normals of both halves of
-    the lamps that it takes off. share: (P,) of the own variance that is left.
+    the lamps that it takes off. share: (P,) of the own variance that is left. variance: (P,) [rad²] of the normals when
+    they were smoothed, by which they are weighed.
 
     What is left is alike in neighbours: in means over many pixels it counts as the variance before.
     """
@@ -21,10 +22,11 @@ class SmoothShare:
     stiffness: float
     gain: float
     share: Array
+    variance: Array
 
     def pixels(self, chosen: NDArray) -> SmoothShare:
         """That of some pixels."""
-        return SmoothShare(self.stiffness, self.gain, self.share[chosen])
+        return SmoothShare(self.stiffness, self.gain, self.share[chosen], self.variance[chosen])
 
     def remark(self) -> str:
         """What was done and why."""

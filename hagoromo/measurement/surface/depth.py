@@ -1,9 +1,8 @@
 """Depth: normals → the surface that has them, by weighted least squares over neighbouring pixels (MODEL §7.3).
 
-With v = (x', y', 1) the ray of a pixel in the camera's frame and u = ln depth, a surface of normal n has
-∂u/∂x = −n·∂v/∂x / n·v, in perspective as in an orthographic view. Normals leave the scale of each connected part
-free: either the mean depth is given, or near lamps give an estimate of the depth (`DepthEstimate`), and with it the
-steps between parts.
+The differences d of u = ln depth between neighbours follow from both normals (`chords`). Normals leave the scale of
+each connected part free: either the mean depth is given, or near lamps give an estimate of the depth (`DepthEstimate`),
+and with it the steps between parts.
 
 Graph: pixels connected to their neighbours by expected differences, and the values that fit those best.
 
@@ -12,26 +11,26 @@ Graph: pixels connected to their neighbours by expected differences, and the val
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
+from hagoromo.measurement.normals.normals import NormalMap
+from hagoromo.measurement.normals.shading import tangents
 from hagoromo.measurement.normals.views import Array
+from hagoromo.measurement.surface.chords import Chords, chords, normal_variance, rays
 
-STEEPEST = 0.05  # smallest |n·v|/|v|: beyond 87° a slope is that of the edge, not of the surface
-SHARPEST = 1e-6  # [rad²] smallest variance of a normal
 LEAST_STEP = 2.0  # pixels of depth by which neighbours may miss their normals before they count as separate
 ROUNDS = 3  # of separating neighbours where the estimated depth has a step
-GAUGE = 1e-7  # of the median weight: weak constraint of every connected part to the mean depth
+GAUGE = 1e-10  # of the median weight: weak constraint of every connected part to the mean depth
 ANCHORED = (0.1, 1.0)  # stiffness, round by round, around a coarser surface
 DRAWS = 12  # simulated errors of the surface, from which its variance is estimated
-BEND = 0.2  # standard deviation of the trapezoidal rule, relative to the change of slope between neighbours
 CUT = 1e-4  # share of the weight that an edge across a step retains
 CLEARLY = 0.5  # of the step size: jump of the smoothed estimated depth that separates neighbours
 SOFT = (1e-3, 1e-2, 0.1, 1.0)  # stiffness of the edges, round by round, where levels are estimated
@@ -39,8 +38,10 @@ FAR = 10.0  # standard deviations by which such an edge may be stretched
 PATIENCE = 3.0  # standard deviations of the estimated depth that the smoothing removes as noise
 FAR_OFF = 20.0  # standard deviations at which a pixel is clipped before the smoothing
 UNSURE = 0.05  # of the median weight: less certain levels are ignored
-NEIGHBOURS = (0, np.s_[:, :-1], np.s_[:, 1:]), (1, np.s_[:-1, :], np.s_[1:, :])  # axis of a slope, both pixels
 NORMAL_DIFFERENCE = 0.9538726  # median of |a − b| of two independent standard normal numbers
+
+
+DrawnErrors: TypeAlias = "Callable[[np.random.Generator], NDArray[np.floating]]"  # (h, w, 3) [rad], world axes
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +65,21 @@ class DepthSurface:
     modes: NDArray[np.float32] | None = None
 
 
+def surface_of(
+    normal_map: NormalMap, camera: Camera, distance: float, estimate: DepthEstimate | None = None
+) -> DepthSurface:
+    """The surface of solved normals, with all that is known of their errors; see `surface_from_normals`."""
+    return surface_from_normals(
+        normal_map.normals,
+        camera,
+        distance,
+        normal_map.own_variance,
+        estimate,
+        modes=normal_map.modes,
+        drawn=normal_map.own_errors(),
+    )
+
+
 def points_from_normals(
     normals: NDArray[np.floating],
     camera: Camera,
@@ -82,19 +98,21 @@ def surface_from_normals(
     estimate: DepthEstimate | None = None,
     draws: int = DRAWS,
     modes: NDArray[np.floating] | None = None,
+    drawn: DrawnErrors | None = None,
 ) -> DepthSurface:
     """The surface with `normals` (h, w, 3), world, 0 where unknown (points then too).
 
     distance: mean depth along the camera's axis [m] of each connected part, used without an `estimate`. variance:
     (h, w) of the normals [rad²], independent between pixels. modes: (m, h, w, 3) changes of the normals by errors that
-    all share, of variance 1 each. Neighbours are separated where their depths would have to jump to fit the rest
+    all share, of variance 1 each. drawn: what draws the errors that are the normals' own; by default they have this
+    variance and are independent. Neighbours are separated where their depths would have to jump to fit the rest
     (Cauchy's loss), and where `estimate` has a step. `InputError` when the lens is distorted, sizes differ, no normal
     is known or the distance is not positive.
     """
     check_surface(normals, camera, distance)
     known = np.asarray(np.linalg.norm(normals, axis=2) > 0.5)
     rows, columns = np.nonzero(known)
-    net = graph_of_normals(normals, camera, known, variance)
+    net = graph(normals, camera, known, variance)
     level, weight = np.full(len(rows), np.log(distance)), np.full(len(rows), GAUGE * net.typical)
     if estimate is not None:
         level, weight = _combined(estimate, known, level, weight)
@@ -102,19 +120,18 @@ def surface_from_normals(
     solved = net.settled(level, weight) if estimate is None else net.settled(level, weight, SOFT, FAR)
     depth = np.exp(solved.values)
     spread = (
-        solved.variance(weight if estimate is not None else 0.0 * weight, draws, seed=0)
+        solved.variance(weight if estimate is not None else 0.0 * weight, draws, _drawn(normals, camera, net, drawn))
         if draws
         else np.full(len(rows), np.inf)
     )
     points, errors = np.zeros(normals.shape), np.full(known.shape, np.inf, np.float32)
-    ray = _rays(camera, rows, columns) * depth[:, None]
+    ray = rays(camera, rows, columns) * depth[:, None]
     points[rows, columns] = ray @ camera.camera_to_world[:3, :3].T + camera.position
     if modes is None or not draws:
         errors[rows, columns] = spread * np.sum(ray**2, axis=1)
         return DepthSurface(points, errors)
-    slopes = _slopes(normals, camera, known, variance)[0]
-    turned = (_slopes(_turned(normals, mode), camera, known, variance)[0] - slopes for mode in modes)
-    by = solved.responses(turned, 0.0 * weight if estimate is None else weight)
+    changes = (chords(_turned(normals, mode), camera, known, variance).wanted - net.chords.wanted for mode in modes)
+    by = solved.responses(changes, 0.0 * weight if estimate is None else weight)
     errors[rows, columns] = (spread + np.sum(by**2, axis=0)) * np.sum(ray**2, axis=1)
     moved = np.zeros((len(by), *known.shape), np.float32)
     moved[:, rows, columns] = by * np.linalg.norm(ray, axis=1)
@@ -139,14 +156,14 @@ def anchored_surface(
     check_surface(normals, camera, 1.0)
     known = np.asarray(np.linalg.norm(normals, axis=2) > 0.5)
     rows, columns = np.nonzero(known)
-    net = graph_of_normals(normals, camera, known, variance)
+    net = graph(normals, camera, known, variance)
     level, sure = log_depth[known], np.isfinite(log_depth[known])
     # a membrane of stiffness w follows its levels over a length √(w/h) pixels
     weight = np.where(sure, net.typical / (2.0 * factor) ** 2, GAUGE * net.typical)
     level = np.where(sure, level, level[sure].mean())
     depth = np.exp(net.settled(level, weight, ANCHORED).values)
     points = np.zeros(normals.shape)
-    ray = _rays(camera, rows, columns) * depth[:, None]
+    ray = rays(camera, rows, columns) * depth[:, None]
     points[rows, columns] = ray @ camera.camera_to_world[:3, :3].T + camera.position
     return points
 
@@ -163,22 +180,6 @@ def check_surface(normals: NDArray[np.floating], camera: Camera, distance: float
         raise InputError("no normal is known: there is no surface to integrate")
 
 
-def _slopes(
-    normals: NDArray[np.floating], camera: Camera, known: NDArray[np.bool_], variance: NDArray[np.floating] | None
-) -> tuple[Array, Array]:
-    """∂u/∂(x, y) per pixel (h, w, 2) and the variance of each (h, w)."""
-    rows, columns = np.nonzero(known)
-    ray = _rays(camera, rows, columns)
-    n = normals[rows, columns].astype(np.float64) @ camera.world_to_camera[:3, :3].T
-    towards = np.minimum(np.einsum("pi,pi->p", n, ray), -STEEPEST)
-    slopes, errors = np.zeros((*known.shape, 2)), np.zeros(known.shape)
-    slopes[rows, columns] = -n[:, :2] / camera.focal / towards[:, None]
-    # an error of the angle becomes one of the slope by 1/cos²; `variance` is the sum over the two turns
-    of_angle = 1e-4 if variance is None else np.maximum(variance[rows, columns], SHARPEST)
-    errors[rows, columns] = 0.5 * of_angle / towards**4 / float(np.mean(camera.focal)) ** 2
-    return slopes, errors
-
-
 def _combined(estimate: DepthEstimate, known: NDArray[np.bool_], level: Array, gauge: Array) -> tuple[Array, Array]:
     """Level and weight of each known pixel from the estimated depth and the mean depth, `level` of weight `gauge`."""
     weight = estimate.precision[known]
@@ -186,24 +187,27 @@ def _combined(estimate: DepthEstimate, known: NDArray[np.bool_], level: Array, g
     return (weight * estimate.log_depth[known] + gauge * level) / both, both
 
 
-def _rays(camera: Camera, rows: NDArray[np.intp], columns: NDArray[np.intp]) -> Array:
-    """(P, 3) rays of depth 1 in the camera's frame."""
-    x = (columns + 0.5 - camera.principal[0]) / camera.focal[0]
-    y = (rows + 0.5 - camera.principal[1]) / camera.focal[1]
-    return np.stack([x, y, np.ones_like(x)], axis=1).astype(np.float64)
+def _drawn(
+    normals: NDArray[np.floating], camera: Camera, net: Graph, drawn: DrawnErrors | None
+) -> Callable[[np.random.Generator], Array]:
+    """What draws errors (P, 3) of the normals that are known, camera axes."""
+    known, to_camera = net.chords.known, camera.world_to_camera[:3, :3].T
+    if drawn is not None:
+        return lambda random: drawn(random)[known] @ to_camera
+    axes, spread = np.stack(tangents(normals[known].astype(np.float64))) @ to_camera, np.sqrt(0.5 * net.of_normals)
+    return lambda random: np.einsum("ip,ipj->pj", spread * random.normal(size=(2, len(spread))), axes)
 
 
 @dataclass(frozen=True, eq=False)
 class Graph:
-    """E edges over P pixels, the true ones of `known` (h, w).
+    """P pixels and the E chords between them, whose `weight` (E,) is an inverse variance.
 
-    pair (E, 2); wanted (E,) expected differences; weight (E,) inverse variance; open (E,): share of the weight left
-    across steps; step: smallest difference that counts as a step; values (P,): the solution, zeros before one.
+    of_normals: (P,) variance of the normals [rad²]. open: (E,) share of the weight left across steps. step: smallest
+    difference that counts as a step. values: (P,) the solution, zeros before one.
     """
 
-    known: NDArray[np.bool_]
-    pair: NDArray[np.intp]
-    wanted: Array
+    chords: Chords
+    of_normals: Array
     weight: Array
     open: Array
     step: float
@@ -219,10 +223,10 @@ class Graph:
         """Sparse (E, P): u_j − u_i."""
         from scipy.sparse import csr_array
 
-        edges = len(self.pair)
-        sign = np.concatenate([-np.ones(edges), np.ones(edges)])
-        index = np.tile(np.arange(edges), 2), self.pair.T.ravel()
-        return csr_array((sign, index), (edges, int(self.known.sum())))
+        pair = self.chords.pair
+        sign = np.concatenate([-np.ones(len(pair)), np.ones(len(pair))])
+        index = np.tile(np.arange(len(pair)), 2), pair.T.ravel()
+        return csr_array((sign, index), (len(pair), len(self.of_normals)))
 
     def settled(
         self, level: Array, level_weight: Array, stiffness: Sequence[float] = (1.0,) * 3, far: float = np.inf
@@ -236,42 +240,38 @@ class Graph:
         scale = np.minimum(self.step, far / np.sqrt(self.weight))
         for stiff in stiffness:
             values = self.solver(stiff * part, level_weight)(stiff * self._rhs(part) + level_weight * level)
-            part = self.open / (1.0 + ((self.difference @ values - self.wanted) / scale) ** 2)
+            part = self.open / (1.0 + ((self.difference @ values - self.chords.wanted) / scale) ** 2)
         return replace(self, values=values, open=part)
 
-    def variance(self, level_weight: Array, draws: int, seed: int) -> Array:
-        """(P,) variance of the values from simulated errors of edges and levels; without levels, about their mean."""
+    def variance(
+        self, level_weight: Array, draws: int, of_normals: Callable[[np.random.Generator], Array], seed: int = 0
+    ) -> Array:
+        """(P,) variance of the values by errors of normals, rule and levels, drawn; without levels, about their mean.
+
+        A normal is part of all chords of its pixel, so that their errors are not independent.
+        """
         random = np.random.default_rng(seed)
-        gauge = level_weight + 1e-9 * self.typical
-        solve, root = self.solver(self.open, gauge), np.sqrt(self.weight * self.open)
+        gauge = level_weight + GAUGE * self.typical
+        solve, weight = self.solver(self.open, gauge), self.weight * self.open
         variance = np.zeros(len(level_weight))
         for _ in range(draws):
-            error = self.difference.T @ (root * random.normal(size=len(root)))
-            values = solve(error + np.sqrt(level_weight) * random.normal(size=len(level_weight)))
+            error = self.chords.of_errors(of_normals(random)) + self.chords.rule * random.normal(size=len(weight))
+            of_levels = np.sqrt(level_weight) * random.normal(size=len(level_weight))
+            values = solve(self.difference.T @ (weight * error) + of_levels)
             variance += (values if level_weight.any() else values - values.mean()) ** 2
         return variance / draws
 
-    def responses(self, slopes: Iterable[Array], level_weight: Array) -> Array:
-        """(m, P) changes of the values by changes of the slopes (h, w, 2), each; without levels, about their mean."""
-        solve, found = self.solver(self.open, level_weight + 1e-9 * self.typical), []
+    def responses(self, changes: Iterable[Array], level_weight: Array) -> Array:
+        """(m, P) changes of the values by `changes` (E,) of the chords, each; without levels, about their mean."""
+        solve, found = self.solver(self.open, level_weight + GAUGE * self.typical), []
         weight = self.weight * self.open
-        for change in slopes:
-            values = solve(self.difference.T @ (weight * _steps(self.known, change)))
+        for change in changes:
+            values = solve(self.difference.T @ (weight * change))
             found.append(values if level_weight.any() else values - values.mean())
         return np.array(found).reshape(len(found), len(level_weight))
 
-    def by_slopes(self, by_steps: Array) -> Array:
-        """(P, 2) derivatives by the slopes of each pixel, of what has the derivatives `by_steps` (E,) by the steps."""
-        found, first = np.zeros((int(self.known.sum()), 2)), 0
-        for axis, one, other in NEIGHBOURS:
-            last = first + int((self.known[one] & self.known[other]).sum())
-            for end in (0, 1):
-                np.add.at(found[:, axis], self.pair[first:last, end], 0.5 * by_steps[first:last])
-            first = last
-        return found
-
     def _rhs(self, part: Array) -> Array:
-        return self.difference.T @ (self.weight * part * self.wanted)
+        return self.difference.T @ (self.weight * part * self.chords.wanted)
 
     def solver(self, part: Array, level_weight: Array) -> Any:
         """What solves for values (P,), given right-hand sides; part: share of the weight of each edge."""
@@ -283,56 +283,13 @@ class Graph:
         return splu(matrix, permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}).solve
 
 
-def _steps(known: NDArray[np.bool_], slopes: Array) -> Array:
-    """(E,) differences that slopes (h, w, 2) per column and row make between the neighbours of `graph`."""
-    wanted = []
-    for axis, first, second in NEIGHBOURS:
-        both = known[first] & known[second]
-        wanted.append(0.5 * (slopes[first][both][:, axis] + slopes[second][both][:, axis]))
-    return np.concatenate(wanted)
-
-
-def graph_of_normals(
-    normals: NDArray[np.floating],
-    camera: Camera,
-    known: NDArray[np.bool_],
-    variance: NDArray[np.floating] | None = None,
+def graph(
+    normals: NDArray[np.floating], camera: Camera, known: NDArray[np.bool_], variance: NDArray[np.floating] | None
 ) -> Graph:
-    """The graph whose values are ln depth, of the `known` normals; arguments as `surface_from_normals`."""
-    return graph(known, *_slopes(normals, camera, known, variance), LEAST_STEP / float(np.mean(camera.focal)))
-
-
-def bends(normals: NDArray[np.floating], camera: Camera, known: NDArray[np.bool_]) -> Array:
-    """(E,) standard error of each step of the graph by the trapezoidal rule."""
-    slopes, _ = _slopes(normals, camera, known, None)
-    pairs = ((first, second, axis) for axis, first, second in NEIGHBOURS)
-    return BEND * np.concatenate([(slopes[b] - slopes[a])[known[a] & known[b]][:, axis] for a, b, axis in pairs])
-
-
-def slopes_by_normals(normals: NDArray[np.floating], camera: Camera, known: NDArray[np.bool_]) -> Array:
-    """(P, 2, 3) derivatives of the slopes of the P known pixels by their normals, world axes."""
-    rows, columns = np.nonzero(known)
-    ray, turn = _rays(camera, rows, columns), camera.world_to_camera[:3, :3]
-    n = normals[rows, columns].astype(np.float64) @ turn.T
-    towards = np.minimum(np.einsum("pi,pi->p", n, ray), -STEEPEST)[:, None, None]
-    straight = np.broadcast_to(np.eye(3)[:2], (len(n), 2, 3))
-    by = (n[:, :2, None] * ray[:, None, :] / towards - straight) / towards / np.array(camera.focal)[:, None]
-    return np.asarray(by @ turn)
-
-
-def graph(known: NDArray[np.bool_], slopes: Array, variance: Array, step: float) -> Graph:
-    """Neighbours of `known` (h, w) with `slopes` (h, w, 2) per column and row, each of `variance` (h, w)."""
-    index = np.full(known.shape, -1)
-    index[known] = np.arange(known.sum())
-    pairs, weights = [], []
-    for axis, first, second in NEIGHBOURS:
-        both = known[first] & known[second]
-        pairs.append(np.stack([index[first][both], index[second][both]], axis=1))
-        one, other = slopes[first][both][:, axis], slopes[second][both][:, axis]
-        weights.append(1.0 / (0.25 * (variance[first][both] + variance[second][both]) + (BEND * (other - one)) ** 2))
-    weight = np.concatenate(weights)
-    ones, zeros = np.ones(len(weight)), np.zeros(int(known.sum()))
-    return Graph(known, np.concatenate(pairs), _steps(known, slopes), weight, ones, step, zeros)
+    """Neighbours of `known` (h, w) with `normals` (h, w, 3), world axes, of this `variance` (h, w) [rad²]."""
+    found, of_normals = chords(normals, camera, known, variance), normal_variance(known, variance)[known]
+    weight, step = 1.0 / found.variance(of_normals), LEAST_STEP / float(np.mean(camera.focal))
+    return Graph(found, of_normals, weight, np.ones(len(weight)), step, np.zeros(len(of_normals)))
 
 
 def with_steps(net: Graph, level: Array, level_weight: Array, rounds: int) -> Graph:
@@ -347,10 +304,10 @@ def with_steps(net: Graph, level: Array, level_weight: Array, rounds: int) -> Gr
         noise = float(np.median(np.abs(net.difference @ left))) / NORMAL_DIFFERENCE
         middle, reach = float(np.median(left)), FAR_OFF * noise + net.step
         trusted = level_weight > UNSURE * np.median(level_weight)
-        picture = np.zeros(net.known.shape)
-        picture[net.known] = np.where(trusted, np.clip(left - middle, -reach, reach), 0.0)
-        smooth = np.asarray(denoise_tv_chambolle(picture, weight=PATIENCE * noise))[net.known]
-        jump = np.abs(smooth[net.pair[:, 1]] - smooth[net.pair[:, 0]])
+        picture = np.zeros(net.chords.known.shape)
+        picture[net.chords.known] = np.where(trusted, np.clip(left - middle, -reach, reach), 0.0)
+        smooth = np.asarray(denoise_tv_chambolle(picture, weight=PATIENCE * noise))[net.chords.known]
+        jump = np.abs(smooth[net.chords.pair[:, 1]] - smooth[net.chords.pair[:, 0]])
         cut = jump > CLEARLY * net.step
         if not (cut & (net.open > CUT)).any():
             break

@@ -36,7 +36,7 @@ from hagoromo.measurement.normals.photometric_model import Fit, Prior, precision
 from hagoromo.measurement.normals.photometric_rounds import independent_share
 from hagoromo.measurement.normals.pixel_fit import PixelConditions, PixelData, frame
 from hagoromo.measurement.normals.views import UNLIT, Array, Views
-from hagoromo.measurement.surface.depth import DepthEstimate, DepthSurface, surface_from_normals
+from hagoromo.measurement.surface.depth import DepthEstimate, DepthSurface, surface_from_normals, surface_of
 from hagoromo.photograph.capture import Capture
 from hagoromo.progress import Progress, silent
 
@@ -123,9 +123,7 @@ def solve_shape(
     normal_map = with_shared_errors(with_own_gloss(with_further_lobes(capture, normal_map)))
     if normal_map.fit.own is not None:
         depth = depth_estimate(normal_map)
-    surface = surface_from_normals(
-        normal_map.normals, camera, middle, normal_map.own_variance, depth, modes=normal_map.modes
-    )
+    surface = surface_of(normal_map, camera, middle, depth)
     progress(1.0, "")
     return SolvedShape(replace(normal_map, fit=replace(normal_map.fit, shape_status=ended)), surface, round_ + 1, ended)
 

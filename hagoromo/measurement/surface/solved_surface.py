@@ -14,7 +14,7 @@ from hagoromo.files.record import decode, read_json
 from hagoromo.measurement.measurement import Measurement
 from hagoromo.measurement.normals.gloss_choice import BY_EVIDENCE, GlossModel
 from hagoromo.measurement.normals.normals import NormalMap, solve_normals, solve_with_one_lobe
-from hagoromo.measurement.surface.depth import DepthSurface, surface_from_normals
+from hagoromo.measurement.surface.depth import DepthSurface, surface_from_normals, surface_of
 from hagoromo.measurement.surface.own_light import NOTABLE, OwnLight, Values, own_light, without
 from hagoromo.measurement.surface.shape import SIMPLE, has_near_lamps, solve_shape
 from hagoromo.measurement.surface.tile_store import FolderSource, Source, binned, coarse_factor, tile_store
@@ -97,7 +97,7 @@ def _solve(capture: Capture, distance: float, progress: Progress, model: GlossMo
         return shape.normal_map, shape.surface
     normals = solve_normals(capture, progress=progress, model=model)
     camera = capture.photographs[0].camera
-    return normals, surface_from_normals(normals.normals, camera, distance, normals.own_variance, modes=normals.modes)
+    return normals, surface_of(normals, camera, distance)
 
 
 def _solve_simply(

@@ -35,7 +35,7 @@ from hagoromo.measurement.normals.pixel_errors import UNKNOWN_DIRECTION, footpri
 from hagoromo.measurement.normals.pixel_fit import STILL_MOVING_SHARE, PixelConditions, fit_pixels
 from hagoromo.measurement.normals.shading import Gloss
 from hagoromo.measurement.normals.views import Array, Stack, Views, views_from_stack
-from hagoromo.measurement.surface.depth import DepthSurface, anchored_surface, surface_from_normals
+from hagoromo.measurement.surface.depth import DepthSurface, anchored_surface, surface_of
 from hagoromo.measurement.surface.shape import has_near_lamps, solve_shape
 from hagoromo.measurement.surface.tile_store import TileStore
 from hagoromo.photograph.capture import Capture
@@ -107,18 +107,14 @@ def solve_coarse(
         return Coarse(capture, shape.normal_map, shape.surface)
     plain = solve_with_one_lobe(capture, prior=prior, progress=progress, model=model)
     normal_map = with_shared_errors(plain)
-    camera, own = capture.photographs[0].camera, normal_map.own_variance
-    surface = surface_from_normals(normal_map.normals, camera, distance, own, modes=normal_map.modes)
+    surface = surface_of(normal_map, capture.photographs[0].camera, distance)
     return _with_lobes(store, Coarse(capture, normal_map, surface, misfit=_misfit(plain, normal_map)))
 
 
 def _misfit(plain: NormalMap, found: NormalMap) -> Array | None:
     """See `Coarse`; plain: `found` without the errors of lamps that are left out."""
-    errors, views = found.fit.errors, found.views
-    if errors is None:
-        return None
-    of_width = footprint(views.image(found.fit.normals))[views.rows, views.columns]
-    return np.maximum(errors.own - of_width - plain.fit.variance, 0.0)
+    errors = found.fit.errors
+    return None if errors is None else np.maximum(errors.own - plain.fit.variance, 0.0)
 
 
 class Known(NamedTuple):
@@ -192,7 +188,7 @@ def _add_footprint(fine: Fine) -> None:
     for top in range(0, len(fine.normals), STRIP):
         bottom, first = min(top + STRIP, len(fine.normals)), max(top - 1, 0)
         strip = fine.normals[first : bottom + 1].astype(np.float64)
-        added = footprint(strip)[top - first : bottom - first]
+        added = np.sum(footprint(strip)[:, top - first : bottom - first] ** 2, axis=(0, 3))
         part = fine.variance[top:bottom]
         fine.variance[top:bottom] = np.where(np.isfinite(part), np.minimum(part + added, UNKNOWN_DIRECTION), np.inf)
 
