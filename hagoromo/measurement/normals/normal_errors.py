@@ -157,8 +157,10 @@ def _without_noise(changes: Array, sample: Views) -> Array:
     neighbours that noise of these pixels has.
     """
     nearest, around = _nearest(sample, sample), _nearest(sample, sample, POOLED)
-    noise = sum(one[nearest].var(axis=1) for one in changes) / max(nearest.shape[1] - 1, 1)
-    squared = sum(one[nearest].mean(axis=1) ** 2 for one in changes)
+    squared, noise = np.zeros((2, *changes.shape[1:]))
+    for one in changes:
+        squared += one[nearest].mean(axis=1) ** 2
+        noise += one[nearest].var(axis=1) / max(nearest.shape[1] - 1, 1)
     for turn in (squared, noise):  # the directions of a normal have one share
         turn[:, :3] = turn[:, :3].sum(axis=1, keepdims=True)
     squared, noise = (one[around].mean(axis=1) for one in (squared, noise))
