@@ -42,9 +42,12 @@ def test_a_step_that_no_normal_shows_is_measured_by_near_lamps():
     missed = (shape.surface.points - truth.points)[seen.rows, seen.columns, 2]
     assert np.median(np.abs(missed)) < 0.001 * SURFACE_DISTANCE
     assert np.mean(np.abs(missed) < 0.01 * SURFACE_DISTANCE) > 0.95
-    # turns of a normal are two, so error²/variance is 1 on average where the variance is true, and its median ln 2
-    ratio = np.median(np.radians(off) ** 2 / shape.normal_map.fit.variance) / np.log(2.0)
-    assert 0.5 < ratio < 2.0
+    assert np.sqrt(np.mean(off**2)) < 0.4  # of smooth normals; of each pixel by itself it is 0.7°
+    # turns of a normal are two, so 95 % have error²/variance below 3 where the variance is true. What smoothing leaves
+    # is stated for a surface of as much detail as λ says; of a smooth one it is half of that
+    ratio = np.radians(off) ** 2 / shape.normal_map.fit.variance
+    assert np.mean(ratio < 3.0) > 0.91
+    assert np.median(ratio) / np.log(2.0) > 0.25
 
 
 @real_data("near_ps_leds")

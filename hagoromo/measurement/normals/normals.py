@@ -167,16 +167,22 @@ def with_further_lobes(capture: Capture, solved: NormalMap) -> NormalMap:
 
 
 def with_own_gloss(solved: NormalMap) -> NormalMap:
-    """`solved` with the gloss of each pixel where it varies over a material, and the normals that go with it.
-
-    Those are solved with the gloss of their own pixel, and not smoothed.
+    """`solved` with the gloss of each pixel where it varies over a material, and the normals that go with it: those of
+    a smooth surface where they are nearer.
     """
-    fit = with_solved_gloss(solved.views, solved.fit)
-    if fit.own is not None and fit.smooth is not None:
-        varies = np.array([test is not None and test.varies for test in fit.own_tests])
-        share = np.where(varies[fit.labels], 1.0, fit.smooth.share)
-        fit = replace(fit, smooth=replace(fit.smooth, share=share))
-    return solved.of(fit)
+    views, fit = solved.views, with_solved_gloss(solved.views, solved.fit)
+    if fit.own is None:
+        return solved.of(fit)
+    varies = np.array([test is not None and test.varies for test in fit.own_tests])[fit.labels]
+    pixels = fit_pixels(views, conditions(views, fit), fit.normals, fit.body)
+    moved = replace(
+        fit,
+        normals=np.where(varies[:, None], fit.normals, pixels.normals),
+        body=np.where(varies, fit.body, pixels.body),
+        variance=np.where(varies, fit.variance, pixels.variance),
+        smooth=None,
+    )
+    return solved.of(with_smooth_normals(views, moved))
 
 
 def solve_with_one_lobe(

@@ -27,8 +27,10 @@ from hagoromo.least_squares.loss import CAUCHY_SCALE
 from hagoromo.measurement.normals.gloss_choice import BY_EVIDENCE, GlossModel
 from hagoromo.measurement.normals.normals import (
     NormalMap,
+    smooth,
     solve_with_one_lobe,
     with_further_lobes,
+    with_normals_of_lobes,
     with_own_gloss,
     with_shared_errors,
 )
@@ -120,7 +122,8 @@ def solve_shape(
             status = Status.CONVERGED
             break
     ended = FitStatus(status, round_ + 1, last_step=change)
-    normal_map = with_shared_errors(with_own_gloss(with_further_lobes(capture, normal_map)))
+    normal_map = with_normals_of_lobes(capture, with_further_lobes(capture, smooth(normal_map)))
+    normal_map = with_shared_errors(with_own_gloss(normal_map))
     if normal_map.fit.own is not None:
         depth = depth_estimate(normal_map)
     surface = surface_of(normal_map, camera, middle, depth)
