@@ -34,6 +34,7 @@ FARTHEST = 9.0  # standard deviations at which distances are cut off
 CHOICE_PIXELS, TILE = 10_000, 48  # pixels from which λ is chosen, at most about; of squares of this side [px]
 BODY_PASSES = 3  # of re-weighting
 FARTHEST_PROBES = 8  # [px] between pixels whose variance is found together, at most
+TOGETHER = 16  # probes that are solved at once
 REACH = 3.0  # of the lengths over which errors are alike: so far apart these pixels are
 LEAST_FACTOR = 0.05  # of stated variances
 WINDOW = 4.0  # [px] standard deviation of the neighbourhood over which squares are averaged
@@ -208,9 +209,10 @@ class SmoothField:
         place = (self.views.rows % step) * step + self.views.columns % step
         left = np.zeros((2, len(normals)))
         for i, (_, _, solve) in enumerate(self._systems(across, variance)):
-            for number in range(step**2):
-                probe = np.where(place == number, random.choice([-1.0, 1.0], len(place)), 0.0)
-                left[i] += probe * solve(probe)
+            for numbers in np.array_split(np.arange(step**2), -(-(step**2) // TOGETHER)):
+                signs = random.choice([-1.0, 1.0], (len(numbers), len(place))).T
+                probes = np.where(place[:, None] == numbers, signs, 0.0)
+                left[i] += np.sum(probes * solve(probes), axis=1)
         slope2 = across[:, :2].T ** 2 / np.maximum(across[:, 2], LEAST_COSINE) ** 2  # of the third component
         if reach > step:  # probes reach one another: their random signs cancel over a neighbourhood
             left = np.stack([_around(self.views, part) for part in left])
