@@ -141,7 +141,8 @@ class PixelStep:
         weight = self.weight_of_rows.reshape(pixels, count, channels).copy()
         weight[:, lamps] = 0.0
         other.weight_of_rows = weight.reshape(pixels, -1)
-        other.__dict__.pop("_undamped", None)
+        for name in ("_undamped", "_equations"):
+            other.__dict__.pop(name, None)
         return other
 
     def newton(self, pull: Array) -> tuple[Array, Array]:
@@ -235,18 +236,22 @@ class PixelStep:
 
     def _reduced(self, damping: float) -> tuple[Array, Array, _Eliminated]:
         """Normal equations of gloss, lamps, depth with the pixels eliminated; and the pixels' own part."""
-        channels = self.model.shape[1]
-        local, gloss, lamps, depth = self._slopes
-        weighed = np.ascontiguousarray(np.swapaxes(local * self.weight_of_rows[..., None], 1, 2))  # (P, 2 + C, K·C)
-        inner = weighed @ local
-        inner += damping * inner * np.eye(2 + channels) + 1e-9 * np.eye(2 + channels)
-        pixel_rhs = weighed @ _rows(self.deviation)[..., None]
-        border = np.concatenate([self._border(weighed, gloss, lamps), weighed @ depth, pixel_rhs], axis=2)
-        outer, rhs = self._outer(gloss, lamps, depth)
+        inner, border, outer, rhs = self._equations
+        one = np.eye(inner.shape[1])
+        inner = inner + (damping * inner * one + 1e-9 * one)
         root = np.asarray(np.linalg.inv(np.linalg.cholesky(inner)), np.float64)  # (P, 2 + C, 2 + C), lower
         half = (root @ border).reshape(-1, len(rhs) + 1)
         across = half.T @ half  # a product with itself: half of the work of any other
         return outer - across[:-1, :-1], rhs - across[:-1, -1], _Eliminated(root, border)
+
+    @cached_property
+    def _equations(self) -> tuple[Array, Array, Array, Array]:
+        """Curvature of each pixel (P, 2 + C, 2 + C), its border, and the normal equations of what pixels share."""
+        local, gloss, lamps, depth = self._slopes
+        weighed = np.ascontiguousarray(np.swapaxes(local * self.weight_of_rows[..., None], 1, 2))  # (P, 2 + C, K·C)
+        pixel_rhs = weighed @ _rows(self.deviation)[..., None]
+        border = np.concatenate([self._border(weighed, gloss, lamps), weighed @ depth, pixel_rhs], axis=2)
+        return weighed @ local, border, *self._outer(gloss, lamps, depth)
 
     @cached_property
     def _slopes(self) -> tuple[Array, Array, Array, Array]:
