@@ -111,11 +111,12 @@ def test_normals_follow_the_gloss_of_their_pixels(mapped):
 def test_normals_of_pixels_with_their_own_gloss_are_those_of_a_smooth_surface():
     """A ball: smooth normals are a tenth nearer at least, within their stated errors, and gloss stays."""
     capture, views, fit = solved(1.0, 1)
+    assert capture.normals is not None
     true = capture.normals[views.rows, views.columns]
     plain = with_solved_gloss(views, fit)
-    maps = (views.image(one.astype(np.float32)) for one in (fit.normals, fit.variance, fit.body.T))
-    smooth = with_own_gloss(NormalMap(*maps, views.image(fit.labels), fit, views)).fit
-    assert smooth.smooth is not None
+    normals, variance, body = (views.image(one.astype(np.float32)) for one in (fit.normals, fit.variance, fit.body.T))
+    smooth = with_own_gloss(NormalMap(normals, variance, body, views.image(fit.labels), fit, views)).fit
+    assert smooth.smooth is not None and smooth.own is not None and plain.own is not None
     np.testing.assert_array_equal(smooth.own.value, plain.own.value)
     each = [np.arccos(np.clip((one.normals * true).sum(axis=1), -1, 1)) ** 2 for one in (plain, smooth)]
     assert np.mean(each[1]) < 0.8 * np.mean(each[0])
