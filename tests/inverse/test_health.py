@@ -11,6 +11,7 @@ from hagoromo.files.record import read_json
 from hagoromo.measurement.health.examine import examine
 from hagoromo.measurement.health.health import NAMES, Health
 from hagoromo.photograph.capture import load_capture
+from studies.closely import scene
 from tests.data import DATA, real_data
 from tests.inverse.simulated_vase import blurred, coded, exchanged, masked, moved, turned, twice, under, uneven, vase
 
@@ -106,6 +107,14 @@ def test_strengths_that_nobody_stated_are_fitted_before_normals_are_solved():
     even, fitted = (hg.measure(one, distance=50.0) for one in (capture, uneven(capture)))
     assert "nobody stated them" in fitted.assumptions["strengths"] and "strengths" not in even.assumptions
     assert error(fitted) < 2.0 * error(even) + 0.2
+
+
+@pytest.mark.nightly
+def test_a_flat_relief_with_gloss_is_not_taken_for_display_values():
+    """On a flat surface each transfer has strengths of lamps that explain it: those that are stated count first."""
+    tile = replace(hg.simulate(scene()), points=None, normals=None)
+    assert examine(tile).health.doubtful == ()
+    assert [one.name for one in examine(coded(tile)).health.doubtful] == ["transfer"]
 
 
 def test_few_lamps_are_not_testable(glossy):

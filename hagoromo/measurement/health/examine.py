@@ -79,7 +79,14 @@ def examine(capture: Capture, shifts: Mapping[str, tuple[float, float]] | None =
 
 
 def _lit(shading: ShadingSample, capture: Capture) -> tuple[FittedLamps, Exponent | None]:
-    """The lamps, and the exponent with their strengths taken out; that of linear values unless it contradicts them."""
+    """The lamps, and the exponent with their strengths taken out; that of linear values unless it contradicts them.
+
+    Linear values under lamps as they are stated need no other explanation. On a flat surface each transfer has
+    strengths that explain it.
+    """
+    lamps, exponent = fitted_lamps(shading, (1.0,)), linearity_of(capture)
+    if not lamps.uneven and exponent is not None and exponent.finding == "linear":
+        return lamps, exponent
     for powers in (POWERS, (1.0,)):
         lamps = fitted_lamps(shading, powers)
         exponent = linearity_of(with_strengths(capture, lamps) if lamps.uneven else capture)

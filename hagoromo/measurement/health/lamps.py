@@ -65,7 +65,7 @@ def fitted_lamps(shading: ShadingSample, powers: Sequence[float] = POWERS) -> Fi
     power = min(found, key=lambda one: found[one].misfit[0])
     best = found[power] if found[power].misfit[0] < CLEARLY * found[1.0].misfit[0] else found[1.0]
     even = best.even(shading.few())
-    return best._replace(direction=_directions(replace(even, values=even.values**best.power)))
+    return best._replace(direction=_directions(replace(even, values=np.maximum(even.values, 1e-300) ** best.power)))
 
 
 def _strengths(few: ShadingSample, power: float) -> FittedLamps:
