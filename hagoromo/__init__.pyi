@@ -128,7 +128,7 @@ from .image.surface_texture import SurfaceTexture as SurfaceTexture
 from .image.scene import Scene as Scene
 from .image.scene_file import load_scene as load_scene
 from .transport.palette import Palette as Palette
-from .image.shown import Look as Look
+from .image.shown import DisplayView as DisplayView
 from .image.image import Image as Image, read_image as read_image
 from .image.expose import expose as expose
 from .image.settings import Settings as Settings

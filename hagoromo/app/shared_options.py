@@ -11,7 +11,7 @@ from tyro.conf import arg
 from hagoromo.errors import InputError
 
 if TYPE_CHECKING:
-    from hagoromo.image.shown import Look
+    from hagoromo.image.shown import DisplayView
 
 
 @dataclass(frozen=True)
@@ -98,11 +98,11 @@ class LookOptions:
     """stops by which the PNG is brighter than of itself, when its brightest half percent is near white."""
 
     @property
-    def chosen(self) -> Look:
+    def chosen(self) -> DisplayView:
         """What calls take as `display`."""
-        from hagoromo.image.shown import Look
+        from hagoromo.image.shown import DisplayView
 
-        return Look(self.display, self.view, self.ocio, self.exposure)
+        return DisplayView(self.display, self.view, self.ocio, self.exposure)
 
 
 LookOfPicture = Annotated[LookOptions, arg(name="")]

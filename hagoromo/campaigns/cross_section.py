@@ -18,7 +18,7 @@ from hagoromo.campaigns.registration import PARAMETERS, STEP, Registration
 from hagoromo.campaigns.similarity import Similarity
 from hagoromo.errors import InputError
 from hagoromo.least_squares.loss import NORMAL_95
-from hagoromo.measurement.inspection.height_errors import Places, height_variance
+from hagoromo.measurement.inspection.height_errors import LinePlaces, height_variance
 from hagoromo.measurement.inspection.profile import HeightProfile, Point, chord_axes, points_at, profile
 from hagoromo.measurement.inspection.seen_surface import SeenSurface
 
@@ -110,7 +110,7 @@ def cross_section(
     known = np.isfinite(found.height)
     own_error, shared = (np.full(len(known), np.nan) for _ in range(2))
     if after.own_variance is not None:
-        places = Places(found.image[known], found.share[known], found.along[known], found.away[known])
+        places = LinePlaces(found.image[known], found.share[known], found.along[known], found.away[known])
         own_error[known], shared[known] = (factor / scale * np.sqrt(one) for one in height_variance(after, places))
     slopes = np.zeros((len(known), PARAMETERS - 1))
     for k, one in enumerate(STEP * np.eye(PARAMETERS)[: PARAMETERS - 1]):

@@ -99,7 +99,7 @@ class Record(ForeignRecord, frozen=True, forbid_unknown_fields=True):
     """A table of a file of this package: an unknown key is an error."""
 
 
-class Source(ForeignRecord, frozen=True, kw_only=True):
+class SourceFile(ForeignRecord, frozen=True, kw_only=True):
     """A file that a result was made from."""
 
     name: Annotated[str, about("name of the file, after that of the folder that was given")]
@@ -113,7 +113,7 @@ class WrittenBy(ForeignRecord, frozen=True, kw_only=True):
     version: Annotated[str, about("version of the package that wrote the file")] = ""
     settings: Annotated[dict[str, Any], about("settings that the result was made with")] = {}
     seed: Annotated[Count | None, about("seed of the random numbers that the result was made with")] = None
-    sources: Annotated[tuple[Source, ...], about("files that the result was made from")] = ()
+    sources: Annotated[tuple[SourceFile, ...], about("files that the result was made from")] = ()
 
 
 def written_by(

@@ -25,7 +25,7 @@ from hagoromo.files.sources import sources
 from hagoromo.files.whole import whole_files
 from hagoromo.image.full_error import FullError
 from hagoromo.image.palette_record import palette_of_text, record_of_palette
-from hagoromo.image.shown import DisplayTransform, Look
+from hagoromo.image.shown import DisplayTransform, DisplayView
 from hagoromo.image.sums_channels import channels_of_sums, sums_of_channels
 from hagoromo.light.colour import srgb_encode, srgb_from_xyz
 from hagoromo.light.spectrum import Spectrum
@@ -189,14 +189,14 @@ class Image:
         response: Response | None = None,
         force: bool = False,
         denoise: bool = False,
-        display: str | Look | None = None,
+        display: str | DisplayView | None = None,
     ) -> list[Path]:
         """Write an EXR of R, G, B (through `response`, else linear sRGB), A and weights, a PNG beside it; their paths.
 
         Both are written or none, see `whole_files`. An image with layers has these and the parts of its light, too.
         denoise: of R, G, B and the PNG by Open Image Denoise, with the layers; weights stay as they are. display: how
-        the PNG shows them, sRGB, Display P3, or a view of ACES such as "ACES 2.0 - SDR 100 nits (Rec.709)"; or a `Look`
-        of any configuration of OpenColorIO, and its exposure. What the EXR holds does not depend on it.
+        the PNG shows them, sRGB, Display P3, or a view of ACES such as "ACES 2.0 - SDR 100 nits (Rec.709)"; or a
+        `DisplayView` of any configuration of OpenColorIO, and its exposure. What the EXR holds does not depend on it.
         `InputError` for a name that does not end in .exr, or a file that exists without `force`.
         """
         target = Path(path)
@@ -231,7 +231,7 @@ class Image:
         picture = target.with_suffix(".png")
         with whole_files((target, picture), force) as (exr, png):
             write_exr(exr, {k: np.ascontiguousarray(v, np.float32) for k, v in channels.items()}, header)
-            stops = display.factor if isinstance(display, Look) else 1.0
+            stops = display.factor if isinstance(display, DisplayView) else 1.0
             way.save_png(png, way.numbers(shown * (auto_exposure(shown, self.alpha) * stops)))
         return [target, picture]
 

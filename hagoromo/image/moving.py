@@ -23,7 +23,7 @@ Poses = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Moving:
+class MovingScene:
     """cameras: world_to_camera (instants, 4, 4). boxes: poses (instants, boxes, 4, 4), in the order of the scene's."""
 
     cameras: Poses
@@ -36,16 +36,16 @@ class Moving:
                 f"(instants, 4, 4) and (instants, boxes, 4, 4)"
             )
 
-    def seen_by(self, camera: Camera) -> Moving:
+    def seen_by(self, camera: Camera) -> MovingScene:
         """The same motion of the boxes before a camera that stands still."""
-        return Moving(np.repeat(camera.world_to_camera[None], len(self.cameras), axis=0), self.boxes)
+        return MovingScene(np.repeat(camera.world_to_camera[None], len(self.cameras), axis=0), self.boxes)
 
-    def moved(self, shift: NDArray[np.float64]) -> Moving:
+    def moved(self, shift: NDArray[np.float64]) -> MovingScene:
         """The same motion with all places shifted, (3,) [m]."""
         cameras, boxes = self.cameras.copy(), self.boxes.copy()
         cameras[:, :3, 3] -= self.cameras[:, :3, :3] @ shift
         boxes[..., :3, 3] += shift
-        return Moving(cameras, boxes)
+        return MovingScene(cameras, boxes)
 
     def depth_of(self, boxes: Sequence[VolumeBox], corners: NDArray[np.float64]) -> float:
         """Least depth before the camera of the boxes, and of `corners` (n, 3) of what stands still, ever [m]."""
@@ -61,7 +61,7 @@ class Moving:
 class MovingCamera:
     """The axes of a camera at its instants, on the device."""
 
-    def __init__(self, moving: Moving, ahead: float) -> None:
+    def __init__(self, moving: MovingScene, ahead: float) -> None:
         """ahead: depth at which rays begin, see `Camera.rays` [m]."""
         cameras = moving.cameras
         places = -np.einsum("nji,nj->ni", cameras[:, :3, :3], cameras[:, :3, 3]) + ahead * cameras[:, 2, :3]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
 from hagoromo.image.emitter_mesh import emitters_of
-from hagoromo.image.moving import Moving
+from hagoromo.image.moving import MovingScene
 from hagoromo.image.surface import RELIEFS, Surface
 from hagoromo.light.area_lamp import AreaLamp
 from hagoromo.light.environment import Environment
@@ -46,7 +46,7 @@ class Scene:
     surfaces: tuple[Surface, ...] = ()
     area_lamps: tuple[AreaLamp, ...] = ()
     environment: Environment | None = None
-    moving: Moving | None = None
+    moving: MovingScene | None = None
 
     def __post_init__(self) -> None:
         for key in ("lamps", "boxes", "surfaces", "area_lamps"):

@@ -25,7 +25,7 @@ NAMED = ("sRGB - Display", "Display P3 - Display")  # displays of ACES whose vie
 
 
 @dataclass(frozen=True)
-class Look:
+class DisplayView:
     """How a picture is shown to people; what is kept of it stays linear.
 
     display: sRGB (None), Display P3, the name of a view of ACES 2.0, or, with `view` or `ocio`, a display of that
@@ -50,14 +50,14 @@ class Look:
 
 class DisplayTransform:
     """A way to show linear pictures. name: sRGB, Display P3, or a view such as "ACES 2.0 - SDR 100 nits (Rec.709)"; or
-    a `Look`, whose exposure is left to others.
+    a `DisplayView`, whose exposure is left to others.
 
     profile: the display whose values they are; "" of one whose profile is not known. `InputError` for another name,
     which lists those there are.
     """
 
-    def __init__(self, name: str | Look | None = None) -> None:
-        look = name if isinstance(name, Look) else Look(name)
+    def __init__(self, name: str | DisplayView | None = None) -> None:
+        look = name if isinstance(name, DisplayView) else DisplayView(name)
         self.name = look.display or SRGB
         self.view: Any = None
         self.profile = self.name

@@ -156,14 +156,14 @@ def _source(one: Holding) -> dict[str, Any]:
     }
 
 
-class Made(NamedTuple):
+class MadeResult(NamedTuple):
     """What was done: its entity in the crate, and the sources that the result states, (name, SHA-256)."""
 
     entity: dict[str, Any]
     stated: list[tuple[str, str]]
 
 
-def _made(kept: Sequence[Holding], home: Path) -> list[Made]:
+def _made(kept: Sequence[Holding], home: Path) -> list[MadeResult]:
     """What was done, by the tables `hagoromo` of the JSON files that results have: versions, settings and sources."""
     found = []
     for one in kept:
@@ -184,7 +184,7 @@ def _made(kept: Sequence[Holding], home: Path) -> list[Made]:
                 "description": f"settings: {json.dumps(by.settings, ensure_ascii=False, sort_keys=True)}",
                 "result": {"@id": quote(one.path)},
             }
-            found.append(Made(entity, [(each.name, each.sha256) for each in by.sources]))
+            found.append(MadeResult(entity, [(each.name, each.sha256) for each in by.sources]))
     return found
 
 

@@ -12,7 +12,7 @@ from hagoromo.camera.response import WHITE_XYZ, Response, camera_white, srgb_fro
 from hagoromo.files.icc import SRGB
 from hagoromo.image.image import Image, auto_exposure
 from hagoromo.image.ocio_view import ACES, PROFILES, OcioConfiguration
-from hagoromo.image.shown import DisplayTransform, Look
+from hagoromo.image.shown import DisplayTransform, DisplayView
 from hagoromo.light.colour import srgb_encode, srgb_from_xyz
 from hagoromo.light.spectrum import Spectrum
 from hagoromo_page.viewer.view_state import TONES, ViewTransform
@@ -62,7 +62,7 @@ def tones(ocio: str) -> tuple[str, ...]:
 @lru_cache(maxsize=8)
 def _view(ocio: str, view: str) -> DisplayTransform:
     place = ocio or ACES
-    return DisplayTransform(Look(_display(OcioConfiguration(place)), view, place))
+    return DisplayTransform(DisplayView(_display(OcioConfiguration(place)), view, place))
 
 
 def _display(configuration: OcioConfiguration) -> str:

@@ -16,7 +16,7 @@ from hagoromo.files.icc import DISPLAY_P3, SRGB, icc_profile
 from hagoromo.files.png import write_png
 from hagoromo.image.any_picture import convert_picture, read_any_picture
 from hagoromo.image.image import auto_exposure
-from hagoromo.image.shown import DisplayTransform, Look
+from hagoromo.image.shown import DisplayTransform, DisplayView
 from hagoromo.light.colour import srgb_decode, srgb_encode
 
 LINEAR = np.random.default_rng(11).random((13, 17, 3)) ** 2.0
@@ -145,11 +145,11 @@ def test_a_configuration_of_ones_own_shows_what_its_views_say(tmp_path):
     """The root of linear values in closed form, by the default view and by name; the display has no known profile."""
     pytest.importorskip("PyOpenColorIO", reason="views need opencolorio")
     place, linear = own_configuration(tmp_path), np.clip(LINEAR, 0.0, 1.0)
-    for look in (Look(ocio=place), Look("Mine", "Root", place)):
+    for look in (DisplayView(ocio=place), DisplayView("Mine", "Root", place)):
         assert np.abs(DisplayTransform(look).values(linear) - np.sqrt(linear)).max() < 1e-5
-    assert DisplayTransform(Look(ocio=place)).profile == ""
-    assert DisplayTransform(Look(ocio=place, view="Cube")).name == "Mine: Cube"
-    an_image().save(tmp_path / "a.exr", display=Look(ocio=place))
+    assert DisplayTransform(DisplayView(ocio=place)).profile == ""
+    assert DisplayTransform(DisplayView(ocio=place, view="Cube")).name == "Mine: Cube"
+    an_image().save(tmp_path / "a.exr", display=DisplayView(ocio=place))
     with Image.open(tmp_path / "a.png") as picture:
         assert not {"srgb", "icc_profile", "gamma"} & set(picture.info)
 
@@ -164,14 +164,18 @@ def test_a_configuration_without_linear_srgb_is_entered_by_its_role_of_aces(tmp_
         warnings.simplefilter("ignore")
         matrix = colour.matrix_RGB_to_RGB("sRGB", "ACES2065-1", "Bradford")
     linear = np.clip(LINEAR, 0.0, 1.0)
-    shown = DisplayTransform(Look(ocio=place)).values(linear)
+    shown = DisplayTransform(DisplayView(ocio=place)).values(linear)
     assert np.abs(shown - np.sqrt(np.clip(linear @ matrix.T, 0.0, 1.0))).max() < 2e-3  # of D65 and D60 in four digits
 
 
 def test_an_exposure_is_of_the_png_alone(tmp_path):
     """A stop doubles linear values before they are encoded; the EXR has the same bytes."""
     image = an_image()
-    for name, look in (("a", None), ("b", Look(exposure=1.0)), ("c", Look(exposure=-1.5, display=DISPLAY_P3))):
+    for name, look in (
+        ("a", None),
+        ("b", DisplayView(exposure=1.0)),
+        ("c", DisplayView(exposure=-1.5, display=DISPLAY_P3)),
+    ):
         image.save(tmp_path / f"{name}.exr", display=look)
     assert (tmp_path / "a.exr").read_bytes() == (tmp_path / "b.exr").read_bytes() == (tmp_path / "c.exr").read_bytes()
     linear = image.linear_srgb() * auto_exposure(image.linear_srgb(), image.alpha)

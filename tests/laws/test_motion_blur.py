@@ -12,7 +12,7 @@ from hagoromo.files.content import content_with_named
 from hagoromo.image.film.film import FilmOrder, frame_image
 from hagoromo.image.film.motion import read_motion
 from hagoromo.image.film.shutter import scene_with_shutter
-from hagoromo.image.moving import INSTANTS, Moving
+from hagoromo.image.moving import INSTANTS, MovingScene
 from hagoromo.image.read_once import read_once
 from hagoromo.image.scene_file import scene_from_tables
 from tests.judges import blocks_agree
@@ -42,7 +42,7 @@ def moving_cube(way, camera_moves=False):
     camera = camera.look_at((middle, -AWAY, middle), (middle, 0.0, middle))
     box, shifts = cube(), (np.arange(INSTANTS) + 0.5) / INSTANTS * way
     still = np.zeros(INSTANTS)
-    moving = Moving(
+    moving = MovingScene(
         moved(camera.world_to_camera, shifts if camera_moves else still),
         moved(box.pose, still if camera_moves else shifts)[:, None],
     )
@@ -169,7 +169,7 @@ def test_what_stands_still_has_the_same_bits_without_a_shutter(scene_file):
     scene, settings = scene_with_shutter(path := scene_file(TURN), read_motion(path))
     still = replace(scene, moving=None)
     poses = np.repeat(np.array([box.pose for box in still.boxes])[None], 5, axis=0)
-    standing = replace(still, moving=Moving(np.repeat(still.camera.world_to_camera[None], 5, axis=0), poses))
+    standing = replace(still, moving=MovingScene(np.repeat(still.camera.world_to_camera[None], 5, axis=0), poses))
     settings = replace(settings, samples=8)
     one, other = (hg.render(each, settings, mode="path").weights for each in (still, standing))
     np.testing.assert_allclose(one, other, rtol=1e-5, atol=1e-7)

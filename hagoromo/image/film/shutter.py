@@ -14,7 +14,7 @@ from hagoromo.files.record import decode
 from hagoromo.image.film.motion import Motion, Tables, read_motion
 from hagoromo.image.image import Image
 from hagoromo.image.modes import Mode
-from hagoromo.image.moving import INSTANTS, Moving
+from hagoromo.image.moving import INSTANTS, MovingScene
 from hagoromo.image.prepared_scene import SceneCache
 from hagoromo.image.read_once import read_once
 from hagoromo.image.render import picture_of_mode
@@ -28,7 +28,7 @@ MOST_TIMES = 1024  # pictures of a mean
 UP = (0.0, 0.0, 1.0)
 
 
-def moving_at(motion: Motion, time: float, tables: Tables, scene: Scene) -> Moving | None:
+def moving_at(motion: Motion, time: float, tables: Tables, scene: Scene) -> MovingScene | None:
     """How `scene`, which is that of `tables`, moves while the shutter of a picture at `time` [s] is open.
 
     None where the motion has no shutter. `InputError` for a lamp that moves or changes meanwhile.
@@ -48,7 +48,7 @@ def moving_at(motion: Motion, time: float, tables: Tables, scene: Scene) -> Movi
         for number in motion.boxes:
             own = np.linalg.inv(_place(tables, number)) @ scene.boxes[number].pose
             boxes[:, number] = [_place(each, number) @ own for each in every]
-    return Moving(cameras, boxes)
+    return MovingScene(cameras, boxes)
 
 
 def scene_with_shutter(path: str | Path, motion: Motion, progress: Progress = silent) -> tuple[Scene, Settings]:

@@ -35,7 +35,7 @@ class HeightVariance(NamedTuple):
     shared: Array
 
 
-class Places(NamedTuple):
+class LinePlaces(NamedTuple):
     """Places on a line. image: (n, 2) (x, y) [px]. share: (n,) of the chord, from 0 to 1. along: (n,) change of the
     height by one of the distance from the camera. away: (n,) that distance [m].
     """
@@ -45,12 +45,12 @@ class Places(NamedTuple):
     along: Array
     away: Array
 
-    def of(self, chosen: NDArray[np.intp]) -> Places:
+    def of(self, chosen: NDArray[np.intp]) -> LinePlaces:
         """Some of them."""
-        return Places(*(one[chosen] for one in self))
+        return LinePlaces(*(one[chosen] for one in self))
 
 
-def height_variance(surface: SeenSurface, places: Places) -> HeightVariance:
+def height_variance(surface: SeenSurface, places: LinePlaces) -> HeightVariance:
     """Of heights over the chord from the first to the last of `places`, all on the known part of `surface`, whose
     errors are known.
     """
@@ -94,7 +94,7 @@ def short_error(surface: SeenSurface, step: float) -> Array:
     return np.sqrt(0.5 * surface.summed_variance * np.log(max(step, 1.0)) / (2.0 * np.pi)) * surface.pitch
 
 
-def _own(surface: SeenSurface, places: Places) -> Array:
+def _own(surface: SeenSurface, places: LinePlaces) -> Array:
     """(n,) own variance [m²]."""
     near, corner, step = _around(surface, places.image)
     net = graph(near.normals, near.camera, near.known, near.own_variance)
@@ -127,7 +127,7 @@ def _around(surface: SeenSurface, image: Array) -> tuple[SeenSurface, Array, int
     return part.averaged(step), low.astype(np.float64), step
 
 
-def _rows(net: Graph, at: Array, places: Places) -> Array:
+def _rows(net: Graph, at: Array, places: LinePlaces) -> Array:
     """(n, P) that make heights of ln distances of the pixels of the graph."""
     index = np.full(net.chords.known.shape, -1)
     index[net.chords.known] = np.arange(net.chords.known.sum())

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.measurement.inspection.seen_surface import SeenSurface
-from hagoromo.measurement.surface.horizon import BELOW, HeightField
+from hagoromo.measurement.surface.horizon import BELOW, SeenRelief
 from hagoromo.progress import Progress, silent
 
 Array = NDArray[np.float64]
@@ -27,7 +27,7 @@ def occlusion(surface: SeenSurface, directions: int = DIRECTIONS, progress: Prog
     """(h, w) open share of the sky, 0 … 1, NaN where unknown. directions: number of half planes."""
     rows, columns = np.nonzero(surface.known)
     pixels = rows, columns
-    relief = HeightField(np.where(surface.known[..., None], surface.points, 0.0), surface.camera, pixels)
+    relief = SeenRelief(np.where(surface.known[..., None], surface.points, 0.0), surface.camera, pixels)
     ray = surface.camera.pixel_directions()
     turns = [np.gradient(ray, axis=axis)[pixels] for axis in (1, 0)]
     to_eye, normal = -ray[pixels], surface.normals[pixels]

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hagoromo.errors import InputError
 from hagoromo.least_squares.loss import NORMAL_95
-from hagoromo.measurement.inspection.height_errors import Places, height_variance
+from hagoromo.measurement.inspection.height_errors import LinePlaces, height_variance
 from hagoromo.measurement.inspection.seen_surface import SeenSurface, seen_surface
 from hagoromo.measurement.measurement import Measurement
 
@@ -128,7 +128,7 @@ def profile(measurement: Measurement | SeenSurface | str | Path, start: Point, e
     ray = points[known] - surface.camera.position
     away = np.linalg.norm(ray, axis=1)
     share = np.clip(distance[known] / distance[-1], 0.0, 1.0)
-    variance = height_variance(surface, Places(image[known], share, ray @ up / away, away))
+    variance = height_variance(surface, LinePlaces(image[known], share, ray @ up / away, away))
     own, shared = (np.full(count, np.nan) for _ in range(2))
     own[known], shared[known] = (factor * np.sqrt(one) for one in variance)
     part = _parts(surface, image)

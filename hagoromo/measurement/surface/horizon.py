@@ -31,7 +31,7 @@ def height_over_horizon(
     ∠(lamp, eye), with S the surface along the path of the light in the picture. points: (h, w, 3) [m], world, 0 where
     unknown. pixels: rows and columns (P,). to_lamp: (P, 3) unit, world. What is hidden from the camera has no shadow.
     """
-    relief = HeightField(points, camera, pixels)
+    relief = SeenRelief(points, camera, pixels)
     lamp, here = to_lamp @ camera.world_to_camera[:3, :3].T, relief.here
     eye = -here / np.linalg.norm(here, axis=1, keepdims=True)
     across = np.array(camera.focal) * (lamp[:, :2] * here[:, 2:] - lamp[:, 2:] * here[:, :2])
@@ -43,7 +43,7 @@ def height_over_horizon(
     return np.where(aside & (highest > BELOW), np.arccos(np.clip(highest, -1.0, 1.0)) - of_lamp, np.pi)
 
 
-class HeightField:
+class SeenRelief:
     """The depth of each pixel of a surface, along which paths in the picture are walked from some of its pixels."""
 
     def __init__(
