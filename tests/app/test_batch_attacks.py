@@ -17,7 +17,7 @@ from fuzz.verbs import function_of, options
 from hagoromo.app import cli
 from hagoromo.app.batch.batch_file import read_batch
 from hagoromo.app.batch.batch_record import VERBS
-from hagoromo.app.shared_options import SchedulerOptions, SensorOptions
+from hagoromo.app.shared_options import LookOptions, SchedulerOptions, SensorOptions
 from hagoromo.app.verb import written_by_verb
 from hagoromo.app.views_options import ViewsOptions
 from hagoromo.errors import InputError
@@ -92,7 +92,13 @@ def test_no_spelling_of_it_is_taken(home, more, capsys):
 
 def test_a_text_that_looks_like_it_is_a_text(home):
     (step,) = planned(home, {"words": ["render", "a.toml", "--display=--out"], "out": "a.exr"})
-    assert step.call.values["display"] == "--out"
+    assert step.call.values["look"].display == "--out"
+
+
+def test_a_configuration_of_colours_lies_in_the_folder(home):
+    for value in ("../secret.toml", "link.toml", str(home.parent / "secret.toml")):
+        with pytest.raises(InputError, match=r"points outside|is a link that leads outside"):
+            planned(home, {"words": ["render", "a.toml", f"--ocio={value}"], "out": "a.exr"})
 
 
 @pytest.mark.parametrize("key", ["out", "force", "scheduler", "trust-scheduler", "allow", "verbose"])
@@ -149,7 +155,7 @@ def leaves(kind: Any) -> set[Any]:
 
 def test_the_types_of_all_values_are_known():
     """A new type of an option has to say whether it names a file, or a recipe that has it is refused."""
-    records = SensorOptions, SchedulerOptions, ViewsOptions
+    records = SensorOptions, SchedulerOptions, ViewsOptions, LookOptions
     known = {Path, str, int, float, bool, type(None), *records}
     for function in COMMANDS:
         hints = typing.get_type_hints(cli.parsed([*words_of(function), "--out", "x"]).args[0], include_extras=True)

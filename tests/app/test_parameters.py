@@ -136,7 +136,7 @@ def test_rows_say_what_may_differ_from_place_to_place():
     textures = {name.removesuffix("_texture") for name in fields(hg.Surface) if name.endswith("_texture")}
     holders = {
         "measurement": of_gloss | {"body_colour"},
-        "scene": textures - {"body"} | {"body_colour"},
+        "scene": textures - {"body", "normal", "bump"} | {"body_colour"},  # the latter two are of the surface
         "mitsuba": {*PLACED, *COLOURS},
         "box": {"body_colour"},
     }

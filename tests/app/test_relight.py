@@ -147,7 +147,8 @@ def test_another_camera_sees_the_boxes_as_it_saw_the_object(capture, tmp_path):
 def test_the_call_is_the_command(relit, capture, tmp_path):
     """The same data files, to the bit; the result prints in a few words, and its table escapes names."""
     relighting = hg.relight(hg.load_capture(capture))
-    saved = relighting.save(tmp_path / "call")
+    with hg.made_from([capture]):
+        saved = relighting.save(tmp_path / "call")
     files = {path.relative_to(saved) for path in saved.rglob("*") if path.is_file()}
     pages = {Path("report.html"), Path("measured", "report.html")}
     assert files == {path.relative_to(relit) for path in relit.rglob("*") if path.is_file()} - pages

@@ -34,6 +34,8 @@ INSIDE = {  # modules of the package that a study takes apart, and why no public
     },
     "leave_one_out.py": {"measurement.normals.normals"},
     "predicted_photograph.py": {"measurement.normals.photometric_model"},
+    # frames beside each other, as sheets of films have them
+    "closely.py": {"image.film.film"},
     # exact shapes by signed distances, and light by the law itself, sphere-traced on the device
     "recover_scenes.py": {"backend", "matter", "reflectance.torrance_sparrow"},
     "recovery.py": {"backend"},

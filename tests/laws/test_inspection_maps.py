@@ -161,3 +161,10 @@ def test_colours_that_do_not_differ_have_no_stretch():
     for colours, words in ((grey, "one channel"), (np.repeat(grey, 3, axis=2), "fewer ways")):
         with pytest.raises(InputError, match=words):
             decorrelation_stretch(colours, np.ones((7, 5), bool))
+
+
+@pytest.mark.parametrize("by", ["correlation", "covariance"])
+def test_an_object_of_one_colour_has_nothing_to_pull_apart(by):
+    one = np.broadcast_to([0.3, 0.2, 0.1], (9, 7, 3))
+    with pytest.raises(InputError, match="nothing to pull apart"):
+        decorrelation_stretch(one, np.ones((9, 7), bool), by)

@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 By = Literal["correlation", "covariance"]
 LEAST_SPREAD = 1e-6  # of the largest component, that each has
 SHOWN_DEVIATIONS = 3.0  # standard deviations at which a display value is 0 or 1
+ALIKE = "the colours differ in fewer ways than there are channels: there is nothing to pull apart"
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,11 +84,13 @@ def decorrelation_stretch(
     if len(samples) <= count:
         raise InputError(f"{len(samples)} pixels are too few for a stretch of {count} channels")
     mean, spread = samples.mean(axis=0), samples.std(axis=0)
-    scale = np.maximum(spread, 1e-300) if by == "correlation" else np.ones(count)
+    if not spread.min() > LEAST_SPREAD * np.abs(mean).max():
+        raise InputError(ALIKE)
+    scale = spread if by == "correlation" else np.ones(count)
     covariance = np.cov(samples / scale, rowvar=False, bias=True)
     sizes, axes = np.linalg.eigh(covariance)
-    if not spread.min() > 0.0 or sizes[0] < LEAST_SPREAD**2 * sizes[-1]:
-        raise InputError("the colours differ in fewer ways than there are channels: there is nothing to pull apart")
+    if sizes[0] < LEAST_SPREAD**2 * sizes[-1]:
+        raise InputError(ALIKE)
     matrix = (axes / np.sqrt(sizes)) @ axes.T / scale
     noise = None
     if error is not None:
