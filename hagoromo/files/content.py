@@ -13,11 +13,11 @@ from typing import Any
 from hagoromo.errors import InputError
 from hagoromo.files.checks import inside
 from hagoromo.files.record import read_toml
+from hagoromo.files.sources import sha256_of_file
 from hagoromo.files.stores import address
 from hagoromo.files.stores import state as state_in_store
 from hagoromo.files.udim import MARK, udim_files
 
-PIECE = 1 << 20  # bytes read at a time
 Named = tuple[str, Path]
 
 
@@ -106,13 +106,19 @@ def _content(path: Path, quick: bool) -> str:
     if address(path):
         return hashlib.sha256(state_in_store(path).encode()).hexdigest()
     if path.is_file():
-        return _of_file(path)
+        return sha256_of_file(path)
     if not path.is_dir():
         return "absent"
     state = hashlib.sha256()
     for file in sorted(path.rglob("*")):
         if file.is_file():
-            what = str(file.stat().st_size) if quick else _of_link(file, path) if file.is_symlink() else _of_file(file)
+            what = (
+                str(file.stat().st_size)
+                if quick
+                else _of_link(file, path)
+                if file.is_symlink()
+                else sha256_of_file(file)
+            )
             state.update(f"{file.relative_to(path).as_posix()}\0{what}\0".encode(errors="surrogateescape"))
     return state.hexdigest()
 
@@ -120,15 +126,7 @@ def _content(path: Path, quick: bool) -> str:
 def _of_link(link: Path, folder: Path) -> str:
     """Of a link in a folder: its file's, or, where it leads outside, what can be told without opening that."""
     try:
-        return _of_file(inside(folder, link.relative_to(folder).as_posix()))
+        return sha256_of_file(inside(folder, link.relative_to(folder).as_posix()))
     except InputError:
         facts = link.stat()
         return f"{os.readlink(link)} {facts.st_size} {facts.st_mtime_ns}"
-
-
-def _of_file(path: Path) -> str:
-    state = hashlib.sha256()
-    with path.open("rb") as file:
-        while piece := file.read(PIECE):
-            state.update(piece)
-    return state.hexdigest()

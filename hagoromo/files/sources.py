@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from hagoromo.files.stores import address
+from hagoromo.files.whole import MARK
 
 MOST = 10_000  # files; more are not stated one by one
 OF_BOX = "zarr.json"  # of a volume box, which has the recipe that it was built from
@@ -55,9 +56,14 @@ def digest_of_file(path: Path) -> str:
     facts = path.stat()
     key = path.resolve(), facts.st_size, facts.st_mtime_ns
     if key not in _known:
-        with path.open("rb") as file:
-            _known[key] = hashlib.file_digest(file, "sha256").hexdigest()
+        _known[key] = sha256_of_file(path)
     return _known[key]
+
+
+def sha256_of_file(path: Path) -> str:
+    """SHA-256 of the bytes of a file, hexadecimal."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _files(path: Path) -> Iterator[tuple[Path, str]]:
@@ -70,5 +76,6 @@ def _files(path: Path) -> Iterator[tuple[Path, str]]:
         yield path / OF_BOX, f"{path.resolve().name}/{OF_BOX}"
     elif path.is_dir():
         files = sorted(file for file in path.iterdir() if file.is_file() and not file.name.startswith("."))
-        records = [file for file in files if file.suffix == ".json"]
-        yield from ((file, f"{path.resolve().name}/{file.name}") for file in records or files)
+        if (path / MARK).exists():  # a folder of this package
+            files = [file for file in files if file.suffix == ".json"]
+        yield from ((file, f"{path.resolve().name}/{file.name}") for file in files)

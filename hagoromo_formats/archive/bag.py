@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping
 from pathlib import Path
 
+from hagoromo.files.sources import sha256_of_file
 from hagoromo.files.whole import MARK, write_text
 
 PAYLOAD = "data"
@@ -27,12 +27,6 @@ def make_bag(home: Path, info: Mapping[str, str]) -> None:
     write_text(home / "tagmanifest-sha256.txt", _manifest(home, tags))
 
 
-def sha256(file: Path) -> str:
-    """Of a file, hexadecimal."""
-    with file.open("rb") as opened:
-        return hashlib.file_digest(opened, "sha256").hexdigest()
-
-
 def _manifest(home: Path, files: list[Path]) -> str:
     """A line for each file: its digest, and its path with /."""
-    return "".join(f"{sha256(file)}  {file.relative_to(home).as_posix()}\n" for file in files)
+    return "".join(f"{sha256_of_file(file)}  {file.relative_to(home).as_posix()}\n" for file in files)

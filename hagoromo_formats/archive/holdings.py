@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hagoromo.errors import InputError
+from hagoromo.files.sources import sha256_of_file
 from hagoromo.files.whole import MARK
-from hagoromo_formats.archive.bag import sha256
 
 UNSAFE = "%\r\n"  # RFC 8493 encodes them in manifests, and the tool of the Library of Congress only two of them
 MOST_FILES = 100_000
@@ -85,4 +85,4 @@ def _files(source: Path) -> list[tuple[Path, str]]:
 
 def holding(file: Path, path: str, kept: bool) -> Holding:
     """A file with its size and digest."""
-    return Holding(path, file.stat().st_size, sha256(file), kept)
+    return Holding(path, file.stat().st_size, sha256_of_file(file), kept)

@@ -341,8 +341,8 @@ def test_the_spectrum_of_a_lamp_is_an_input(home):
 def test_a_link_that_leads_outside_is_not_opened_to_know_whether_it_changed(home, monkeypatch):
     """A step may name the folder that it lies in; what it leads to is known by size and time."""
     opened = []
-    of_file = content_module._of_file
-    monkeypatch.setattr(content_module, "_of_file", lambda path: opened.append(path.name) or of_file(path))
+    of_file = content_module.sha256_of_file
+    monkeypatch.setattr(content_module, "sha256_of_file", lambda path: opened.append(path.name) or of_file(path))
     (home / "a.txt").write_text("a")
     (home / "b.txt").symlink_to(home / "a.txt")
     before = content_module.content(home)

@@ -9,6 +9,7 @@ from hagoromo.app.cli import main
 from hagoromo.files.png import write_png
 from hagoromo.files.record import written_by
 from hagoromo.files.sources import digest_of_file
+from hagoromo.files.whole import MARK
 from tests.ball_scene import ball_scene, lamp
 
 
@@ -19,9 +20,16 @@ def test_files_and_folders_are_stated_by_name_and_digest(tmp_path):
     (folder / "b.png").write_bytes(b"two")
     (measured / "materials.json").write_bytes(b"[]")
     (measured / "normals.exr").write_bytes(b"not a record")
+    (measured / MARK).touch()
+    (folder / "lamps.json").write_bytes(b"{}")
     with hg.made_from([photograph, folder, measured, tmp_path / "absent"]):
         stated = written_by()["sources"]
-    expected = {"a.png": b"one", "photographs/b.png": b"two", "measured/materials.json": b"[]"}
+    expected = {
+        "a.png": b"one",
+        "photographs/b.png": b"two",
+        "photographs/lamps.json": b"{}",
+        "measured/materials.json": b"[]",
+    }
     assert stated == [{"name": name, "sha256": hashlib.sha256(held).hexdigest()} for name, held in expected.items()]
     assert "sources" not in written_by()
 
