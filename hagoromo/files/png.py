@@ -52,19 +52,22 @@ def write_png(
     image: NDArray[np.uint8] | NDArray[np.uint16],
     srgb: bool = False,
     profile: bytes | None = None,
+    xmp: str = "",
 ) -> None:
     """Write `image`: (height, width), (height, width, 3) or (height, width, 4), uint8 or uint16.
 
     srgb: say in the file that its colours are sRGB's, so that other programs show them so. profile: an ICC profile that
-    says it of another display.
+    says it of another display. xmp: a packet of metadata (ISO 16684-1).
     """
-    write_bytes(path, png_bytes(image, srgb, profile))
+    write_bytes(path, png_bytes(image, srgb, profile, xmp))
 
 
-def png_bytes(image: NDArray[np.uint8] | NDArray[np.uint16], srgb: bool = False, profile: bytes | None = None) -> bytes:
+def png_bytes(
+    image: NDArray[np.uint8] | NDArray[np.uint16], srgb: bool = False, profile: bytes | None = None, xmp: str = ""
+) -> bytes:
     """The content of a PNG file of `image`: (height, width), (height, width, 3) or (…, 4), uint8 or uint16.
 
-    srgb, profile: as of `write_png`.
+    srgb, profile, xmp: as of `write_png`.
     """
     import cv2
 
@@ -77,6 +80,8 @@ def png_bytes(image: NDArray[np.uint8] | NDArray[np.uint16], srgb: bool = False,
         raise OSError(f"an image of shape {image.shape} could not be encoded as PNG")
     data = encoded.tobytes()
     stated = SRGB_CHUNKS if srgb else b"" if profile is None else _chunk(b"iCCP", b"ICC\0\0" + zlib.compress(profile))
+    if xmp:
+        stated += _chunk(b"iTXt", XMP_KEYWORD + bytes(5) + xmp.encode())  # neither packed nor in a language
     return data[:AFTER_HEADER] + stated + data[AFTER_HEADER:]
 
 
@@ -236,6 +241,7 @@ def _check_lines(packed: Sequence[bytes], lines: Sequence[tuple[int, int]]) -> N
 
 
 # sRGB with the rendering intent perceptual; for programs that do not know it, gamma and primaries (PNG, 11.3.2.5)
+XMP_KEYWORD = b"XML:com.adobe.xmp"
 SRGB_CHUNKS = (
     _chunk(b"sRGB", b"\0")
     + _chunk(b"gAMA", struct.pack(">I", 45455))

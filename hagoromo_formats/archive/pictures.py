@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from hagoromo.errors import InputError
 from hagoromo.files.exr import read_exr
 from hagoromo.files.icc import SRGB, icc_profile
+from hagoromo.files.png import write_png
 from hagoromo.image.any_picture import read_any_picture
 from hagoromo.image.shown import srgb_values
 from hagoromo.version import __version__
@@ -64,16 +65,12 @@ def pictures_of(names: list[str], payload: Path) -> Iterator[tuple[str, NDArray[
 
 
 def write_picture(path: Path, pixels: NDArray[np.uint8], xmp: str) -> None:
-    """Write a PNG with the profile of sRGB and a packet of XMP."""
-    from PIL import Image
-    from PIL.PngImagePlugin import PngInfo
-
-    text = PngInfo()
-    text.add_itxt("XML:com.adobe.xmp", xmp)
+    """Write a PNG with the profile of sRGB, where it has colours, and a packet of XMP."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    flat = pixels[..., 0] if pixels.shape[2] == 1 else pixels
-    profile = None if flat.ndim == 2 else icc_profile(SRGB)  # which is of three channels
-    Image.fromarray(flat).save(path, "PNG", pnginfo=text, icc_profile=profile, optimize=False)
+    if pixels.shape[2] == 1:
+        write_png(path, pixels[..., 0], xmp=xmp)
+    else:
+        write_png(path, pixels, profile=icc_profile(SRGB), xmp=xmp)
 
 
 def xmp_packet(name: str, thing: ArchivedObject, profile: ArchiveProfile) -> str:
