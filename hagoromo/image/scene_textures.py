@@ -5,7 +5,8 @@ A file such as wall.<UDIM>.png is all of its tiles.
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from collections.abc import Callable
+from typing import Annotated, Any, TypeVar
 
 from msgspec import Meta
 
@@ -15,6 +16,8 @@ from hagoromo.image.surface_texture import MOST_SPECTRA, SurfaceTexture
 from hagoromo.image.tiled_image import TextureFiles
 from hagoromo.light.spectrum import SOURCE, Spectrum
 from hagoromo.reflectance.reflectance import LARGEST_GAMMA
+
+Table = TypeVar("Table", bound=Record)
 
 
 class BodyTexture(Record, frozen=True, kw_only=True):
@@ -96,12 +99,11 @@ def body_texture_from(record: dict[str, Any] | None, files: TextureFiles, where:
 
 def beta_texture_from(record: dict[str, Any] | None, files: TextureFiles, where: str) -> SurfaceTexture | None:
     """The image of a table beta_texture of a scene file; None without one."""
-    if record is None:
-        return None
-    where = f"{where} beta_texture"
-    key = decode(record, BetaTexture, where)
-    with described(where):
+
+    def made(key: BetaTexture) -> SurfaceTexture:
         return SurfaceTexture.from_file(files.place(key.file), smooth=key.smooth, colour=False)
+
+    return _image_from(record, BetaTexture, f"{where} beta_texture", made)
 
 
 def gamma_texture_from(
@@ -127,21 +129,30 @@ def gamma_texture_from(
 
 def normal_texture_from(record: dict[str, Any] | None, files: TextureFiles, where: str) -> SurfaceTexture | None:
     """The image of a table normal_texture of a scene file; None without one."""
-    if record is None:
-        return None
-    where = f"{where} normal_texture"
-    key = decode(record, NormalTexture, where)
-    with described(where):
+
+    def made(key: NormalTexture) -> SurfaceTexture:
         return SurfaceTexture.normals_from_file(files.place(key.file), key.smooth, key.green == "directx")
+
+    return _image_from(record, NormalTexture, f"{where} normal_texture", made)
 
 
 def bump_texture_from(record: dict[str, Any] | None, files: TextureFiles, where: str) -> SurfaceTexture | None:
     """The heights [m] of a table bump_texture of a scene file; None without one."""
-    if record is None:
-        return None
-    where = f"{where} bump_texture"
-    key = decode(record, BumpTexture, where)
-    with described(where):
+
+    def made(key: BumpTexture) -> SurfaceTexture:
         stored = SurfaceTexture.from_file(files.place(key.file), smooth=key.smooth, colour=False)
         top = 1e-3 * abs(key.height_mm)
         return stored.between(0.0, top) if key.height_mm >= 0.0 else stored.between(top, 0.0)
+
+    return _image_from(record, BumpTexture, f"{where} bump_texture", made)
+
+
+def _image_from(
+    record: dict[str, Any] | None, kind: type[Table], where: str, made: Callable[[Table], SurfaceTexture]
+) -> SurfaceTexture | None:
+    """What is `made` of a table that is always an image; None without one."""
+    if record is None:
+        return None
+    key = decode(record, kind, where)
+    with described(where):
+        return made(key)
