@@ -110,8 +110,8 @@ def cross_section(
     known = np.isfinite(found.height)
     own_error, shared = (np.full(len(known), np.nan) for _ in range(2))
     if after.own_variance is not None:
-        places = LinePlaces(found.image[known], found.share[known], found.along[known], found.away[known])
-        own_error[known], shared[known] = (factor / scale * np.sqrt(one) for one in height_variance(after, places))
+        variances = height_variance(after, found.places.of(np.flatnonzero(known)))
+        own_error[known], shared[known] = (factor / scale * np.sqrt(one) for one in variances)
     slopes = np.zeros((len(known), PARAMETERS - 1))
     for k, one in enumerate(STEP * np.eye(PARAMETERS)[: PARAMETERS - 1]):
         up, down = (
@@ -128,10 +128,7 @@ class _AfterHeights:
     """AFTER's surface on the plane of the section: height over its chord [m of BEFORE], and what its error needs."""
 
     height: Array
-    image: Array
-    share: Array
-    along: Array
-    away: Array
+    places: LinePlaces
 
 
 def _after_heights(before: SeenSurface, after: SeenSurface, to_after: Similarity, points: Array) -> _AfterHeights:
@@ -148,4 +145,4 @@ def _after_heights(before: SeenSurface, after: SeenSurface, to_after: Similarity
     there = to_after.points(here) - after.camera.position
     away = np.linalg.norm(there, axis=1)
     along = there @ to_after.directions(up) / away
-    return _AfterHeights(height, image, np.clip(np.nan_to_num(share), 0.0, 1.0), along, away)
+    return _AfterHeights(height, LinePlaces(image, np.clip(np.nan_to_num(share), 0.0, 1.0), along, away))
