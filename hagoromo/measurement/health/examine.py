@@ -84,15 +84,15 @@ def _lit(shading: ShadingSample, capture: Capture) -> tuple[FittedLamps, Exponen
     Linear values under lamps as they are stated need no other explanation. On a flat surface each transfer has
     strengths that explain it.
     """
-    lamps, exponent = fitted_lamps(shading, (1.0,)), linearity_of(capture)
-    if not lamps.uneven and exponent is not None and exponent.finding == "linear":
-        return lamps, exponent
-    for powers in (POWERS, (1.0,)):
-        lamps = fitted_lamps(shading, powers)
-        exponent = linearity_of(with_strengths(capture, lamps) if lamps.uneven else capture)
-        if lamps.power == 1.0 or (exponent is not None and exponent.contradicted):
-            break
-    return lamps, exponent
+    linear, stated = fitted_lamps(shading, (1.0,)), linearity_of(capture)
+    if not linear.uneven and stated is not None and stated.finding == "linear":
+        return linear, stated
+    bent = fitted_lamps(shading, POWERS)
+    if bent.power != 1.0:
+        exponent = linearity_of(with_strengths(capture, bent)) if bent.uneven else stated
+        if exponent is not None and exponent.contradicted:
+            return bent, exponent
+    return linear, linearity_of(with_strengths(capture, linear)) if linear.uneven else stated
 
 
 def _of_lamps(shading: ShadingSample, capture: Capture, lamps: FittedLamps | None) -> dict[Name, Check]:
