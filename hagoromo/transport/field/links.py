@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -251,8 +252,9 @@ class LinkedRays:
     each, and the number of all.
     """
 
-    def __init__(self, towards: Array3f, cosine: Float | None, first: NDArray, light: Sequence[Float] = ()) -> None:
-        self.towards, self.cosine, self.starts, self.light = towards, cosine, first, light
+    def __init__(self, towards: Array3f, cosine: Float | None, first: NDArray) -> None:
+        self.towards, self.cosine = towards, cosine
+        self.light: Sequence[Float] = ()
         self.count = len(first) - 1
         self.first = lookup(arrays().UInt, first.astype(np.uint32))
         self.receivers = dr.opaque(arrays().UInt, self.count)
@@ -268,7 +270,9 @@ class LinkedRays:
 
     def with_light(self, light: Sequence[Float]) -> LinkedRays:
         """The same rays with light of every channel."""
-        return LinkedRays(self.towards, self.cosine, self.starts, light)
+        lit = copy(self)
+        lit.light = light
+        return lit
 
     def of(self, lane: UInt) -> tuple[UInt, UInt]:
         """The first ray of a receiver, or of a side of one, and the one behind its last."""
