@@ -16,10 +16,10 @@ from hagoromo.backend import Float, UInt, arrays, lookup
 from hagoromo.camera.camera import Axes, Camera
 from hagoromo.camera.pose import inverse_pose
 from hagoromo.errors import InputError
+from hagoromo.transport.frames import Poses
 from hagoromo.volume.box import VolumeBox
 
 INSTANTS = 512  # an edge that moves by so many pixels is smooth to a pixel
-Poses = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
