@@ -20,6 +20,7 @@ from hagoromo.files.png import write_png
 from hagoromo.files.whole import replaceable_file, replaceable_folder, whole_file, whole_folder
 from hagoromo.image.film.film import chosen, frame_name, sheet
 from hagoromo.measurement.measurement import Measurement
+from hagoromo.measurement.nearest import nearest_known
 from hagoromo.measurement.surface.horizon import height_over_horizon
 from hagoromo.progress import Progress, silent
 from hagoromo_page.publication.lit import reflected, shown
@@ -159,11 +160,10 @@ class RakingLight:
 
 def _points(maps: SurfaceMaps) -> Array:
     """(h, w, 3) points of the surface without spikes [m], world axes, 0 where unknown."""
-    from scipy.ndimage import distance_transform_edt, median_filter
+    from scipy.ndimage import median_filter
 
     assert maps.depth is not None
-    nearest = np.asarray(distance_transform_edt(~maps.known, return_distances=False, return_indices=True))
-    depth = median_filter(maps.depth[nearest[0], nearest[1]], size=SPIKES_PX, mode="nearest")
+    depth = median_filter(maps.depth[nearest_known(maps.known)], size=SPIKES_PX, mode="nearest")
     ray = maps.camera.pixel_directions()
     along = depth / (ray @ maps.camera.camera_to_world[:3, 2])
     points = maps.camera.position + ray * along[..., None]

@@ -10,11 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_erosion, distance_transform_edt, grey_dilation, grey_erosion
+from scipy.ndimage import binary_erosion, grey_dilation, grey_erosion
 
 from hagoromo.campaigns.campaign import Campaign
 from hagoromo.campaigns.registration import AWAY, Registration
 from hagoromo.campaigns.sampled import sampled
+from hagoromo.measurement.nearest import nearest_known
 
 Array = NDArray[np.float64]
 BEHIND = 4.0  # pitch behind another part of BEFORE, from which AFTER does not show a place
@@ -89,8 +90,7 @@ def _hidden(away: Array, image: Array, shown: NDArray[np.bool_], after: Campaign
 
 def _filled(maps: Array) -> Array:
     """`maps` (h, w, k) with the nearest known value where one is unknown."""
-    unknown = ~np.isfinite(maps).all(axis=2)
-    if not unknown.any():
+    known = np.asarray(np.isfinite(maps).all(axis=2))
+    if known.all():
         return maps
-    nearest = np.asarray(distance_transform_edt(unknown, return_distances=False, return_indices=True))
-    return maps[nearest[0], nearest[1]]
+    return maps[nearest_known(known)]

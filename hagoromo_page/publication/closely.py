@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt
 
 from hagoromo.errors import InputError
 from hagoromo.measurement.inspection.curvature import curvature
@@ -20,6 +19,7 @@ from hagoromo.measurement.inspection.occlusion import coarse_occlusion
 from hagoromo.measurement.inspection.seen_surface import SeenSurface, seen_surface
 from hagoromo.measurement.inspection.stretch import SHOWN_DEVIATIONS, Stretch, decorrelation_stretch
 from hagoromo.measurement.measurement import Measurement
+from hagoromo.measurement.nearest import nearest_known
 from hagoromo.measurement.photographed import Photographed
 from hagoromo_page.publication.planes import PackedPlanes, pack_planes
 
@@ -123,5 +123,4 @@ def _cells(values: Array, known: NDArray[np.bool_], count: int) -> Array:
              for one in (np.where(known, values, 0.0), known.astype(np.float64))]  # fmt: skip
     empty = parts[1] == 0.0
     mean = parts[0] / np.where(empty, 1.0, parts[1])
-    nearest = np.asarray(distance_transform_edt(empty, return_distances=False, return_indices=True))
-    return mean[nearest[0], nearest[1]]
+    return mean[nearest_known(~empty)]

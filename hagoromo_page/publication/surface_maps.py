@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
 from hagoromo.measurement.measurement import Measurement
+from hagoromo.measurement.nearest import nearest_known
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
 from hagoromo_page.publication.closely import CloseLook
 
@@ -190,10 +191,7 @@ def _depth(points: NDArray[np.floating] | None, camera: Camera, labels: NDArray[
     known = (np.linalg.norm(points, axis=2) > 0) & np.isfinite(depth) & (labels >= 0) & (depth > 0.0)
     if not known.any():
         return None
-    from scipy.ndimage import distance_transform_edt
-
-    nearest: Any = distance_transform_edt(~known, return_distances=False, return_indices=True)
-    return depth[nearest[0], nearest[1]]
+    return depth[nearest_known(known)]
 
 
 def _angle_error(variance: NDArray[np.floating]) -> Map:

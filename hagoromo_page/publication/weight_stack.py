@@ -7,7 +7,6 @@ f = w_d c_b(λ) + w_s e: with the weights of each colour kept apart, spectra of 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +19,7 @@ from hagoromo.image.scene import Scene
 from hagoromo.image.settings import Settings
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
+from hagoromo.measurement.nearest import nearest_known
 from hagoromo.progress import Progress, silent
 from hagoromo_page.publication.surface_maps import FLIP
 
@@ -99,14 +99,11 @@ def weight_stack(
 
 def _depth(scene: Scene, settings: Settings, known: NDArray[np.bool_]) -> NDArray[np.float32] | None:
     """Depth (h, w) of what rays hit first, mean over a pixel [m]; where they hit nothing, that of the nearest pixel."""
-    from scipy.ndimage import distance_transform_edt
-
     depth = layers_of(scene, settings)["depth.Z"]
     hit = known & (depth > 0.0)
     if not hit.any():
         return None
-    nearest: Any = distance_transform_edt(~hit, return_distances=False, return_indices=True)
-    return depth[nearest[0], nearest[1]]
+    return depth[nearest_known(hit)]
 
 
 def framed(scene: Scene, pixels: int) -> Camera:

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.measurement.gloss.gloss_difference import WIDTHS, TriedLobe, glosses_differ
+from hagoromo.measurement.nearest import nearest_known
 from hagoromo.measurement.observations import Pixels, known_shape
 from hagoromo.measurement.parameters import pack_theta
 from hagoromo.measurement.sight import Array, sight_of
@@ -204,7 +205,7 @@ class GlossPatches:
         Where patches are not significant, labels of `known` remain; if there are none (all 0), the nearest significant
         patch decides.
         """
-        from scipy.ndimage import distance_transform_edt, median_filter
+        from scipy.ndimage import median_filter
 
         costs = np.stack([self.cost(*lobe) for lobe in lobes])
         best = np.argmin(costs, axis=0)
@@ -215,8 +216,7 @@ class GlossPatches:
         if known.any():
             labels = np.where(labels < 0, known, labels)
         elif (labels >= 0).any():
-            nearest = np.asarray(distance_transform_edt(labels < 0, return_distances=False, return_indices=True))
-            labels = labels[tuple(nearest)]
+            labels = labels[nearest_known(labels >= 0)]
         return np.asarray(median_filter(np.maximum(labels, 0), self.size, mode="nearest"), np.int64)
 
     def _apart_enough(self, lobes: list[TriedLobe]) -> bool:

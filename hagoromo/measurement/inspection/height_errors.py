@@ -17,9 +17,10 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt, map_coordinates
+from scipy.ndimage import map_coordinates
 
 from hagoromo.measurement.inspection.seen_surface import SeenSurface
+from hagoromo.measurement.nearest import nearest_known
 from hagoromo.measurement.surface.depth import GAUGE, Graph, graph
 
 Array = NDArray[np.float64]
@@ -131,7 +132,7 @@ def _rows(net: Graph, at: Array, places: LinePlaces) -> Array:
     """(n, P) that make heights of ln distances of the pixels of the graph."""
     index = np.full(net.chords.known.shape, -1)
     index[net.chords.known] = np.arange(net.chords.known.sum())
-    nearest = np.asarray(distance_transform_edt(~net.chords.known, return_distances=False, return_indices=True))
+    nearest = nearest_known(net.chords.known)
     height, width = net.chords.known.shape
     rows = np.zeros((len(at), int(net.chords.known.sum())))
     low = np.floor(at - 0.5).astype(int)

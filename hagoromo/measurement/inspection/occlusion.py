@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.measurement.inspection.seen_surface import SeenSurface
+from hagoromo.measurement.nearest import nearest_known
 from hagoromo.measurement.surface.horizon import BELOW, SeenRelief
 from hagoromo.progress import Progress, silent
 
@@ -52,7 +53,7 @@ def occlusion(surface: SeenSurface, directions: int = DIRECTIONS, progress: Prog
 
 def coarse_occlusion(surface: SeenSurface, most_pixels: int, directions: int = DIRECTIONS) -> Array:
     """`occlusion` of a surface of `most_pixels` at most, of means over squares of pixels, at every pixel."""
-    from scipy.ndimage import distance_transform_edt, map_coordinates
+    from scipy.ndimage import map_coordinates
 
     step = max(int(np.ceil(np.sqrt(surface.known.sum() / most_pixels))), 1)
     found = occlusion(surface.averaged(step), directions)
@@ -60,10 +61,9 @@ def coarse_occlusion(surface: SeenSurface, most_pixels: int, directions: int = D
         return found
     if not np.isfinite(found).any():
         return np.where(surface.known, 1.0, np.nan)
-    nearest = np.asarray(distance_transform_edt(np.isnan(found), return_distances=False, return_indices=True))
     rows, columns = ((np.arange(size) + 0.5) / step - 0.5 for size in surface.known.shape)
     place = np.meshgrid(rows, columns, indexing="ij")
-    between = np.asarray(map_coordinates(found[nearest[0], nearest[1]], place, order=1, mode="nearest"))
+    between = np.asarray(map_coordinates(found[nearest_known(np.isfinite(found))], place, order=1, mode="nearest"))
     return np.where(surface.known, between, np.nan)
 
 

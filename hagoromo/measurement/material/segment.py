@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
+from hagoromo.measurement.nearest import nearest_known
 from hagoromo.measurement.observations import Pixels, known_shape
 from hagoromo.measurement.sight import Array, sight_of
 from hagoromo.photograph.capture import Capture
@@ -178,10 +179,10 @@ def _by_size(labels: NDArray, least: float) -> NDArray[np.int64]:
 
 def _tidied(labels: NDArray[np.int64], pixels: Pixels, lit: NDArray[np.bool_]) -> NDArray[np.int64]:
     """Lit pixels without a label take the nearest one's; then each takes the majority label of its 3 × 3."""
-    from scipy.ndimage import distance_transform_edt, uniform_filter
+    from scipy.ndimage import uniform_filter
 
-    nearest = np.asarray(distance_transform_edt(labels < 0, return_distances=False, return_indices=True))
+    near_rows, near_columns = nearest_known(labels >= 0)
     rows, columns = pixels.rows[lit], pixels.columns[lit]
-    labels[rows, columns] = labels[tuple(nearest[:, rows, columns])]
+    labels[rows, columns] = labels[near_rows[rows, columns], near_columns[rows, columns]]
     votes = [uniform_filter((labels == number).astype(np.float64), 3) for number in range(labels.max() + 1)]
     return np.where(labels >= 0, np.argmax(votes, axis=0), -1) if votes else labels

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.camera.camera import Camera
+from hagoromo.measurement.nearest import nearest_known
 from hagoromo.measurement.normals.views import Array
 
 MOST_PATCHES = 900
@@ -41,13 +42,12 @@ class Exchange:
 
     def pixels(self, values: Array) -> Array:
         """(h, w, C) of values (N, C) of the patches: linear between their centres."""
-        from scipy.ndimage import distance_transform_edt, map_coordinates
+        from scipy.ndimage import map_coordinates
 
         height, width = self.known.shape
-        grid, missing = np.zeros((*self.shape, values.shape[1])), np.ones(self.shape, bool)
-        grid[self.places], missing[self.places] = values, False
-        nearest = np.asarray(distance_transform_edt(missing, return_distances=False, return_indices=True))
-        grid = grid[tuple(nearest)]
+        grid, there = np.zeros((*self.shape, values.shape[1])), np.zeros(self.shape, bool)
+        grid[self.places], there[self.places] = values, True
+        grid = grid[nearest_known(there)]
         at = [(np.arange(size) + 0.5) / self.step - 0.5 for size in (height, width)]
         where = np.meshgrid(*at, indexing="ij")
         found = [np.asarray(map_coordinates(one, where, order=1, mode="nearest")) for one in np.moveaxis(grid, 2, 0)]

@@ -20,6 +20,7 @@ from hagoromo.camera.camera import Camera
 from hagoromo.cluster.cluster import Here, Workers
 from hagoromo.errors import InputError
 from hagoromo.files.array_tree import read_tree, write_tree
+from hagoromo.measurement.nearest import nearest_known
 from hagoromo.measurement.normals.gloss_choice import BY_EVIDENCE, GlossModel
 from hagoromo.measurement.normals.highlight_check import angles
 from hagoromo.measurement.normals.lobe_fit import FoundLobes, find_lobes, fit_with, most_pixels, with_bodies
@@ -364,13 +365,13 @@ def _coarse_depth(
 
     Bilinear; unknown coarse pixels take the value of the nearest known one.
     """
-    from scipy.ndimage import distance_transform_edt, map_coordinates
+    from scipy.ndimage import map_coordinates
 
     camera, points = store.camera, coarse.surface.points
     known = np.asarray(np.linalg.norm(points, axis=2) > 0.0)
     depth = (points - camera.position) @ camera.camera_to_world[:3, 2]
-    filled = np.asarray(distance_transform_edt(~known, return_distances=False, return_indices=True))
-    depth, spread = depth[filled[0], filled[1]], coarse.surface.variance[filled[0], filled[1]]
+    filled = nearest_known(known)
+    depth, spread = depth[filled], coarse.surface.variance[filled]
     position = np.stack([(axis + 0.5) / store.factor - 0.5 for axis in pixels])
     nearest = tuple(
         np.clip(np.rint(axis).astype(np.intp), 0, n - 1) for axis, n in zip(position, depth.shape, strict=True)
