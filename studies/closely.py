@@ -11,7 +11,6 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import tyro
@@ -19,7 +18,8 @@ from numpy.typing import NDArray
 
 import hagoromo as hg
 from hagoromo.image.film.film import strip
-from studies.published import BODIES, BROWSER, FLAGS, SIDE, SIZE, camera, feather, lamps
+from studies.chromium import chromium_page
+from studies.published import CLAY, GLAZE, SIDE, feather, scene_of
 
 CRACK_DEPTH, CRACK_WIDTH = 1.2e-4, 0.012  # m, and of half the side of the tile
 RING, RING_WIDTH = (-0.42, 0.45, 0.28), 0.05  # middle and radius, and width, of half the side
@@ -56,24 +56,9 @@ def scene() -> hg.Scene:
     path = 0.35 * x - 0.3 + 0.04 * np.sin(9.0 * x)
     heights = heights - CRACK_DEPTH * np.exp(-(((y - path) / CRACK_WIDTH) ** 2))
     ring = np.abs(np.hypot(x - RING[0], y - RING[1]) - RING[2]) < RING_WIDTH
-    metres = axis * SIZE / 2
-    vertices = np.stack([*np.meshgrid(metres, metres), heights], axis=-1).reshape(-1, 3)
-    index = np.arange(SIDE * SIDE).reshape(SIDE, SIDE)
-    a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]
-    faces = np.stack([np.stack([a, b, c], axis=-1), np.stack([a, c, d], axis=-1)], axis=2)
-    faces = faces.reshape(SIDE - 1, SIDE - 1, 2, 3)
-    glazed, ring = glazed[:-1, :-1], (ring & ~glazed)[:-1, :-1]
-    parts: dict[str, tuple[NDArray[np.bool_], Any, tuple[float, float, float]]] = {
-        "clay": (~glazed & ~ring, BODIES["clay"], (0.0, 0.3, 1.45)),
-        "faded": (ring, FADED, (0.0, 0.3, 1.45)),
-        "glaze": (glazed, BODIES["glaze"], (2.2, 0.07, 1.5)),
-    }
-    surfaces = []
-    for name, (chosen, body, gloss) in parts.items():
-        reflectance = hg.Reflectance(0.25, *gloss, hg.Spectrum(*body), name=name)
-        own = faces[chosen].reshape(-1, 3)
-        surfaces.append(hg.Surface(reflectance, vertices=vertices, faces=own, name=name, smooth=True))
-    return hg.Scene(camera(), tuple(lamps()), surfaces=tuple(surfaces))
+    faded = replace(CLAY, body_colour=hg.Spectrum(*FADED), name="faded")
+    parts = {"clay": (~glazed & ~ring, CLAY), "faded": (ring & ~glazed, faded), "glaze": (glazed, GLAZE)}
+    return scene_of(heights, parts)
 
 
 def pictures(home: Path) -> None:
@@ -89,12 +74,7 @@ def pictures(home: Path) -> None:
 
 def page_picture(page: Path, out: Path) -> None:
     """The page as Chromium shows it, with curvature and the heights along LINE."""
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as running:
-        browser = running.chromium.launch(executable_path=BROWSER, args=list(FLAGS))
-        shown = browser.new_page(viewport={"width": 1180, "height": 900})
-        shown.goto(page.resolve().as_uri())
+    with chromium_page(page.resolve().as_uri(), (1180, 900)) as shown:
         shown.evaluate("() => hagoromo.ready")
         shown.get_by_role("button", name="Curvature").click()
         shown.keyboard.press("h")
@@ -104,7 +84,6 @@ def page_picture(page: Path, out: Path) -> None:
         shown.evaluate(f"() => hagoromo.profile({start}, {end})")
         shown.wait_for_timeout(1500)
         shown.screenshot(path=out, type="jpeg", quality=85)
-        browser.close()
 
 
 def _write_jpeg(path: Path, picture: NDArray[np.uint8]) -> None:

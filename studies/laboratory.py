@@ -16,8 +16,8 @@ import tyro
 import hagoromo as hg
 from hagoromo_page.lab.laboratory import Laboratory
 from hagoromo_page.lab.server import LabServer
+from studies.chromium import chromium_page
 from studies.dome import dome
-from studies.published import BROWSER, FLAGS
 
 WINDOW = 1400, 900  # px
 QUALITY = 84
@@ -44,12 +44,7 @@ def laboratory(out: str | Path, force: bool = False) -> None:
 
 def _look(address: str, picture: Path) -> None:
     """Choose the folder, check its photographs, and take the picture."""
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as running:
-        chromium = running.chromium.launch(executable_path=BROWSER, args=list(FLAGS))
-        page = chromium.new_page(viewport={"width": WINDOW[0], "height": WINDOW[1]})
-        page.goto(address)
+    with chromium_page(address, WINDOW) as page:
         page.click(".folders button")
         page.click("#next")
         page.click("#run-health")
@@ -59,7 +54,6 @@ def _look(address: str, picture: Path) -> None:
         page.click("#tool-look")
         page.wait_for_load_state("networkidle")
         page.screenshot(path=picture, type="jpeg", quality=QUALITY)
-        chromium.close()
 
 
 def main(out: Path, force: bool = False) -> None:

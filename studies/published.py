@@ -7,6 +7,7 @@ Leaves: page.html, the capture and the measurement that it was made from, and pu
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -14,16 +15,13 @@ import tyro
 from numpy.typing import NDArray
 
 import hagoromo as hg
+from studies.chromium import chromium_page
 
 SIZE, SIDE, PIXELS = 0.06, 321, 340  # side of the tile [m], vertices along it, pixels of the photographs
 RELIEF = 0.0016  # height of the feather [m]
 AZIMUTHS, ELEVATIONS = (0, 60, 120, 180, 240, 300), (35, 65)  # of the lamps [°]
-BODIES = {
-    "clay": ([400, 520, 600, 700], [0.25, 0.55, 0.8, 0.85]),
-    "glaze": ([400, 470, 560, 700], [0.75, 0.8, 0.35, 0.12]),
-}
-BROWSER = "/usr/bin/chromium"
-FLAGS = ("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+CLAY = hg.Reflectance(0.25, 0.0, 0.3, 1.45, hg.Spectrum([400, 520, 600, 700], [0.25, 0.55, 0.8, 0.85]), name="clay")
+GLAZE = hg.Reflectance(0.25, 2.2, 0.07, 1.5, hg.Spectrum([400, 470, 560, 700], [0.75, 0.8, 0.35, 0.12]), name="glaze")
 
 
 def published(out: str | Path, force: bool = False, progress: hg.Progress = hg.silent) -> hg.Published:
@@ -42,6 +40,11 @@ def published(out: str | Path, force: bool = False, progress: hg.Progress = hg.s
 def tile_scene() -> hg.Scene:
     """A domed tile of matte clay with a glazed feather in relief, under lamps all around, seen from above."""
     heights, glazed = feather()
+    return scene_of(heights, {"clay": (~glazed, CLAY), "glaze": (glazed, GLAZE)})
+
+
+def scene_of(heights: NDArray[np.float64], parts: Mapping[str, tuple[NDArray[np.bool_], hg.Reflectance]]) -> hg.Scene:
+    """A tile of `heights` [m] at its vertices, of parts by name: where they are, and their reflectance."""
     axis = np.linspace(-SIZE / 2, SIZE / 2, SIDE)
     x, y = np.meshgrid(axis, axis)
     vertices = np.stack([x, y, heights], axis=-1).reshape(-1, 3)
@@ -50,12 +53,10 @@ def tile_scene() -> hg.Scene:
     faces = np.stack([np.stack([a, b, c], axis=-1), np.stack([a, c, d], axis=-1)], axis=2).reshape(
         SIDE - 1, SIDE - 1, 2, 3
     )
-    gloss = {"clay": (0.0, 0.3, 1.45), "glaze": (2.2, 0.07, 1.5)}
     surfaces = []
-    for name, chosen in (("clay", ~glazed[:-1, :-1]), ("glaze", glazed[:-1, :-1])):
-        beta, gamma, n = gloss[name]
-        body = hg.Reflectance(0.25, beta, gamma, n, hg.Spectrum(*BODIES[name]), name=name)
-        surfaces.append(hg.Surface(body, vertices=vertices, faces=faces[chosen].reshape(-1, 3), name=name, smooth=True))
+    for name, (where, body) in parts.items():
+        own = faces[where[:-1, :-1]].reshape(-1, 3)
+        surfaces.append(hg.Surface(body, vertices=vertices, faces=own, name=name, smooth=True))
     return hg.Scene(camera(), tuple(lamps()), surfaces=tuple(surfaces))
 
 
@@ -103,19 +104,13 @@ def lamps() -> list[hg.Lamp]:
 
 def picture(page: Path, out: Path) -> None:
     """The page as Chromium shows it, after a click on the disc of the lamp."""
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as running:
-        browser = running.chromium.launch(executable_path=BROWSER, args=list(FLAGS))
-        shown = browser.new_page(viewport={"width": 1180, "height": 760})
-        shown.goto(page.resolve().as_uri())
+    with chromium_page(page.resolve().as_uri(), (1180, 760)) as shown:
         shown.evaluate("() => hagoromo.ready")
         pad = shown.locator("#hv-pad").bounding_box()
         assert pad is not None
         shown.mouse.click(pad["x"] + 0.68 * pad["width"], pad["y"] + 0.3 * pad["height"])
         shown.wait_for_timeout(1500)
         shown.screenshot(path=out, type="jpeg", quality=82)
-        browser.close()
 
 
 def main(out: Path, force: bool = False) -> None:

@@ -18,7 +18,8 @@ import tyro
 import hagoromo as hg
 from hagoromo_page.viewer.browser import Browser
 from hagoromo_page.viewer.open_desk import open_desk
-from studies.published import BROWSER, FLAGS, tile_scene
+from studies.chromium import chromium_page
+from studies.published import tile_scene
 
 WINDOW = 1240, 720  # px
 QUALITY = 82
@@ -93,17 +94,11 @@ def _look(
 @contextmanager
 def _opened(what: Path) -> Iterator[tuple[Browser, Any]]:
     """A viewer and its page in Chromium."""
-    from playwright.sync_api import sync_playwright
-
     browser = Browser(open_desk(what), "127.0.0.1", 0)
-    with sync_playwright() as running:
-        chromium = running.chromium.launch(executable_path=BROWSER, args=list(FLAGS))
-        page = chromium.new_page(viewport={"width": WINDOW[0], "height": WINDOW[1]})
-        page.goto(browser.address)
+    with chromium_page(browser.address, WINDOW) as page:
         _rest(browser, page)
         page.locator(".mantine-Notification-closeButton").first.click()  # that Chromium draws in software
         yield browser, page
-        chromium.close()
     browser.stop()
 
 

@@ -29,6 +29,7 @@ from hagoromo.transport.path.scatter import Scattering
 from tests.judges import blocks_agree, mean_is, sampler_follows_density, standard_normal
 from tests.laws.test_lights import radiance
 from tests.oracle.reflection import element_weights
+from tests.surface_scene import BEFORE_A_SURFACE
 
 WHITE = hg.Spectrum.constant(1.0)
 SQUARE = np.array([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)], float)
@@ -307,19 +308,14 @@ def test_what_is_no_gamma_is_refused_in_one_line(message):
     assert message in str(error.value) and "\n" not in str(error.value)
 
 
-SCENE = """
-[camera]
-size = [24, 24]
-focal = [24.0, 24.0]
-eye = [0.0, 0.0, 2.0]
-up = [0.0, 1.0, 0.0]
-[[lamp]]
-to_lamp = [0.48, 0.0, 0.64]
-[[surface]]
+SCENE = (
+    BEFORE_A_SURFACE
+    + """[[surface]]
 shape = "rectangle"
 reflectance = { alpha = 0.1, beta = 0.3, gamma = 0.2, n = 1.5, body_colour = 1.0 }
 gamma_texture = { file = "rough.png", range = [0.05, 0.4], smooth = false }
 """
+)
 
 
 @pytest.fixture

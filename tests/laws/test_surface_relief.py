@@ -12,6 +12,7 @@ from hagoromo.files.content import content_with_named
 from hagoromo.image.scene_file import load_scene
 from tests.laws.test_field_surfaces import paint
 from tests.laws.test_surface_texture import FACES, FAR, SIDE, SQUARE, UV, above
+from tests.surface_scene import BEFORE_A_SURFACE
 
 SIZE = 128  # px of an image
 HEIGHT = 0.1  # [m] of waves 2 m and 1 m long, on a square of 2 m: slopes of 0.16 and 0.31
@@ -141,18 +142,13 @@ def test_normals_that_turn_from_the_eye_are_seen_edge_on():
     assert (seen[5:7] > 0.0).all()
 
 
-TABLES = """
-[camera]
-size = [24, 24]
-focal = [24.0, 24.0]
-eye = [0.0, 0.0, 2.0]
-up = [0.0, 1.0, 0.0]
-[[lamp]]
-to_lamp = [0.48, 0.0, 0.64]
-[[surface]]
+TABLES = (
+    BEFORE_A_SURFACE
+    + """[[surface]]
 shape = "rectangle"
 reflectance = {alpha = 0.2546479, beta = 0.0, gamma = 0.2, n = 1.5, body_colour = 1.0}
 """
+)
 
 
 def scene_of(folder, line):
@@ -241,7 +237,7 @@ def test_tiles_by_udim_are_one_image_each_on_its_own_square(tmp_path, key):
     images = {1002: gradient(32, 0.3, 0.2), 1021: gradient(16, 0.1, 0.5)}
     for number, image in images.items():
         hg.write_png(tmp_path / f"map.{number}.png", image)
-    base = TABLES[: TABLES.index("[[surface]]")]
+    base = BEFORE_A_SURFACE
     (tmp_path / "scene.toml").write_text(base + TILES + f'{key} = {{file = "map.<UDIM>.png"{more}}}\n')
     (surface,) = load_scene(tmp_path / "scene.toml")[0].surfaces
     texture = getattr(surface, key)
@@ -272,7 +268,7 @@ def test_wrong_tiles_are_refused(tmp_path, files, line, said):
     obj_of_tiles(tmp_path)
     for number in files:
         hg.write_png(tmp_path / f"m.{number}.png", gradient(8, 0.1, 0.2))
-    (tmp_path / "scene.toml").write_text(TABLES[: TABLES.index("[[surface]]")] + TILES + line)
+    (tmp_path / "scene.toml").write_text(BEFORE_A_SURFACE + TILES + line)
     with pytest.raises(InputError, match=said) as refused:
         load_scene(tmp_path / "scene.toml")
     assert "\n" not in str(refused.value)
@@ -283,7 +279,7 @@ def test_tiles_of_sizes_that_do_not_fit_are_refused_and_changed_ones_are_noticed
     hg.write_png(tmp_path / "m.1002.png", gradient(8, 0.1, 0.2))
     hg.write_png(tmp_path / "m.1021.png", gradient(5, 0.1, 0.2))
     scene = tmp_path / "scene.toml"
-    scene.write_text(TABLES[: TABLES.index("[[surface]]")] + TILES + 'body_texture = {file = "m.<UDIM>.png"}')
+    scene.write_text(BEFORE_A_SURFACE + TILES + 'body_texture = {file = "m.<UDIM>.png"}')
     with pytest.raises(InputError, match="no multiple of it"):
         load_scene(scene)
     before = content_with_named(scene)

@@ -12,6 +12,7 @@ from hagoromo.image.scene_file import load_scene
 from hagoromo.transport.path.bands import bands_of
 from tests.laws.test_field_surfaces import RED, blocks, paint
 from tests.laws.test_lights import radiance
+from tests.surface_scene import BEFORE_A_SURFACE
 
 GREEN = hg.Spectrum([360, 500, 560, 830], [0.1, 0.7, 0.7, 0.1])
 SQUARE = np.array([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)], float)
@@ -157,21 +158,16 @@ def test_what_is_no_texture_is_refused_in_one_line(message):
     assert message in str(error.value) and "\n" not in str(error.value)
 
 
-SCENE = """
-[camera]
-size = [24, 24]
-focal = [24.0, 24.0]
-eye = [0.0, 0.0, 2.0]
-up = [0.0, 1.0, 0.0]
-[[lamp]]
-to_lamp = [0.48, 0.0, 0.64]
-[[surface]]
+SCENE = (
+    BEFORE_A_SURFACE
+    + """[[surface]]
 mesh = "square.obj"
 smooth = false
 reflectance = { alpha = 0.25, beta = 0.1, gamma = 0.2, n = 1.5, body_colour = 1.0 }
 body_texture = { file = "checker.png", smooth = false }
 beta_texture = { file = "checker.png", smooth = false }
 """
+)
 OBJ = "".join(
     f"v {x} {y} {z} {r} {g} 0.5\nvt {u} {v}\n" for (x, y, z), (u, v), (r, g) in zip(SQUARE, UV, CORNERS, strict=True)
 )
