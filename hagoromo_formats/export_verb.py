@@ -27,17 +27,18 @@ def export(
     """Measured object → files that other programs read; export.json and the output say what each of them loses.
 
     Args:
-        measured: folder that `measure` wrote.
+        measured: folder that `measure` wrote, or a materials.json (of `fit`, too) for materialx and rgl.
         to: formats: png, tiff, exr (normals, albedo, roughness, depth); glb, ply (mesh); relightable images: ptm, hsh
-            (object.rti), rti (both of these), relight (OpenLIME); csv (spectra); materialx. One that cannot be written
-            is named, the others are written, and the exit status is 2.
+            (object.rti), rti (both of these), relight (OpenLIME); csv (spectra); materialx; rgl (a .bsdf for each
+            material, read by Mitsuba, with covariance.json). One that cannot be written is named, the others are
+            written, and the exit status is 2.
         capture: folder that was measured, for a measurement of version 0.2.
     """
     with progress_bar("export") as progress:
         record = hg.export(measured, to, out, capture=capture, force=force, progress=progress)
     for name, loss in record["formats"].items():
-        error, file = loss.get("rms_error_before_quantisation"), loss.get("file")
-        head = name if file is None else f"{name} ({file})"
+        error, files = loss.get("rms_error_before_quantisation"), loss.get("files") or [loss.get("file")]
+        head = name if files[0] is None else f"{name} ({', '.join(files)})"
         say(f"{head}: lost: {loss['lost']}" + ("" if error is None else f"; rms error {100 * error:.1f} % of white"))
         say(*(f"{name}: lost of {each}" for each in loss["lost_of_materials"]))
     wrote(out / "export.json")

@@ -105,9 +105,9 @@ FORMATS = (
         "our own reflectance in the published layout", "bins between those that are read; the sense of the plane",
     ),
     Format(
-        "RGL BRDF", "reflectance", (".bsdf",), f"{REFLECTANCES}.rgl:read_rgl", "",
-        "Mitsuba, in a process of its own", "our own reflectance in the published layout",
-        "wavelengths between those that are read; the sense of the plane", magic=(b"tensor_file",),
+        "RGL BRDF", "reflectance", (".bsdf",), f"{REFLECTANCES}.rgl:read_rgl", f"{REFLECTANCES}.rgl_out:write_rgl",
+        "Mitsuba, in a process of its own", "our own reflectance in the published layout; out: Mitsuba",
+        "wavelengths between those that are read; the sense of the plane; out: all but planes", magic=(b"tensor_file",),
     ),
     Format(
         "VTK polygons", "surface", (".vtp",), MESH, "", "VTK", "tests' own text", "lines, points, data",

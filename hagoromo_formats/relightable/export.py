@@ -17,9 +17,10 @@ from hagoromo.files.whole import whole_folder
 from hagoromo.measurement.measurement import Measurement
 from hagoromo.photograph.capture import Capture, load_capture
 from hagoromo.progress import Progress, silent
-from hagoromo.reflectance.material.material_estimate import MaterialEstimate
+from hagoromo.reflectance.material.materials_file import read_materials
 from hagoromo.reflectance.parameters import EVIDENCE, EXPORTS, PICTURES, PLANES, losses
 from hagoromo_formats.relightable.materialx import LOSS, write_materialx
+from hagoromo_formats.relightable.measured_brdf import COVARIANCE, measured_brdf, write_measured_brdfs
 from hagoromo_formats.relightable.mesh import albedo_map, roughness, triangles, write_mesh
 from hagoromo_formats.relightable.rti import BASES, WRITERS, fitted
 from hagoromo_page.publication.lit import Array, hemisphere, reflected, shown, white_level
@@ -29,6 +30,8 @@ from hagoromo_page.publication.surface_maps import SurfaceMaps
 LAMPS, TESTED = 60, 12  # directions that relightable formats are fitted to, and tested with
 FULL = 65535.0
 FORMATS = EXPORTS
+OF_MATERIALS = ("materialx", "rgl")  # formats that need no surface
+INSTEAD = "its channels stand as red, green and blue, for rgb variants of Mitsuba"
 RTI = {"rti": ("hsh", "ptm")}  # what programs for RTI open: a word for both of their files
 # What every object loses; what its reflectances lose, by their parameters, is said by `losses`
 LOST = {
@@ -39,6 +42,7 @@ LOST = {
     "ply": "colours of 8 bits per vertex; steep steps of depth are holes",
     "csv": "all but the spectra of bodies, and the covariance of these",
     "materialx": LOSS,
+    "rgl": "parameters, as who reads a table interpolates in it: off by 0.2 % in the median, up to 7 % in 99 of 100",
 } | dict.fromkeys(PICTURES, "highlights become broad, cast shadows and spectra are lost; display values (sRGB curve)")
 
 
@@ -53,7 +57,8 @@ def export(
 ) -> dict[str, Any]:
     """Write a measured object to the folder `out` in `formats`, of `FORMATS`; returns the record of export.json.
 
-    measured: a `Measurement`, or its folder. capture: that was measured, where the measurement is of version 0.2.
+    measured: a `Measurement`, its folder, or a materials.json, for the formats of `OF_MATERIALS`.
+    capture: that was measured, where the measurement is of version 0.2.
     `rti` stands for what programs for RTI open: hsh (object.rti) and ptm (object.ptm).
     Relightable formats are fitted to pictures of the object by its own reflectance under `LAMPS` far white lamps,
     without cast shadows; their error against `TESTED` others is in the record: root mean square, of display values 0…1.
@@ -61,18 +66,17 @@ def export(
     says why under `refused`. `InputError` where none is left.
     """
     named = list(dict.fromkeys(one for name in formats for one in RTI.get(name, (name,))))
-    source = measured if isinstance(measured, Measurement) else Measurement.load(measured)
+    source = measured if isinstance(measured, Measurement) else _read(Path(measured))
     shots = capture if isinstance(capture, Capture) or capture is None else load_capture(capture)
-    maps = page_source(source, shots).maps
+    maps = page_source(source, shots).maps if source.labels.size else None
     refused = {name: why for name in named if (why := _refusal(name, source, maps))}
     left = [name for name in named if name not in refused]
     if not left:
         raise InputError("; ".join(refused.values()) or f"no format was given: give some of {', '.join(FORMATS)}")
-    record = {
-        "formats": {name: _lost(name, source.materials) for name in left},
+    record: dict[str, Any] = {
+        "formats": {name: _lost(name, source) for name in left},
         "refused": refused,
-        "axes": "x right, y up, z to the camera",
-        "lengths": "m" if maps.has_scale else "no scale is known: depths and meshes are not in metres",
+        **({} if maps is None else {"axes": "x right, y up, z to the camera", "lengths": _lengths(maps)}),
         "hagoromo": written_by(),
     }
     with whole_folder(out, force) as home:
@@ -82,41 +86,70 @@ def export(
     return record
 
 
-def _refusal(name: str, source: Measurement, maps: SurfaceMaps) -> str:
+def _read(path: Path) -> Measurement:
+    """The measurement in a folder, or that of the materials of a file, without a pixel."""
+    if not path.is_file():
+        return Measurement.load(path)
+    return Measurement(tuple(read_materials(path)), np.zeros((0, 0), int), (), (), np.zeros((0, 0, 3), np.float32))
+
+
+def _lengths(maps: SurfaceMaps) -> str:
+    return "m" if maps.has_scale else "no scale is known: depths and meshes are not in metres"
+
+
+def _refusal(name: str, source: Measurement, maps: SurfaceMaps | None) -> str:
     """Why a format cannot be written; "" where it can."""
     if name not in FORMATS:
         return f"no format is called {name}: give some of {', '.join((*FORMATS, *RTI))}"
+    if maps is None and name not in OF_MATERIALS:
+        return f"{name}: a file of materials has no surface and no spectra: give the folder that measure wrote"
     if name == "csv" and not source.body_spectra:
         return "csv: the measurement has no spectra: they need the lamp's spectrum and the camera's response"
-    if name in ("glb", "ply"):
+    if maps is not None and name in ("glb", "ply"):
         try:
             triangles(maps)
+        except InputError as error:
+            return f"{name}: {error}"
+    if name == "rgl":
+        try:
+            for material in source.materials:
+                measured_brdf(material, source.body_spectra.get(material.name), source.photographed_with)
         except InputError as error:
             return f"{name}: {error}"
     return ""
 
 
 def _write(
-    home: Path, names: Sequence[str], source: Measurement, maps: SurfaceMaps, progress: Progress
+    home: Path, names: Sequence[str], source: Measurement, maps: SurfaceMaps | None, progress: Progress
 ) -> dict[str, Any]:
     """Write the formats; gives what the record says of them beside their losses."""
+    written: dict[str, Any] = {}
+    if "materialx" in names:
+        write_materialx(home / "materials.mtlx", source.materials)
+    if "rgl" in names:
+        files = write_measured_brdfs(home, source.materials, source.body_spectra, source.photographed_with)
+        written["rgl"] = {"files": files, "covariance": COVARIANCE}
+    if "csv" in names:
+        _write_spectra(home / "spectra.csv", source)
+    if maps is None:
+        return written
     for name in names:
         if name in PLANES:
             _write_planes(home, name, maps)
     meshes = {name: home / f"object.{name}" for name in ("glb", "ply") if name in names}
     if meshes:
         write_mesh(meshes, maps, shown(albedo_map(maps), 1.0))
-    if "csv" in names:
-        _write_spectra(home / "spectra.csv", source)
-    if "materialx" in names:
-        write_materialx(home / "materials.mtlx", source.materials)
     relightable = [name for name in names if name in WRITERS]
-    return _write_relightable(home, relightable, maps, progress) if relightable else {}
+    return written | (_write_relightable(home, relightable, maps, progress) if relightable else {})
 
 
-def _lost(form: str, materials: Sequence[MaterialEstimate]) -> dict[str, Any]:
+def _lost(form: str, source: Measurement) -> dict[str, Any]:
     """What a format loses: of every object, and of the reflectance of each material."""
-    return {"lost": f"{LOST[form]}; {EVIDENCE}", "lost_of_materials": losses(form, materials)}
+    lines = losses(form, source.materials)
+    if form == "rgl":
+        bare = [one.name for one in source.materials if one.name not in source.body_spectra]
+        lines += [f"material {name!r}: its spectrum, which is not known: {INSTEAD}" for name in bare]
+    return {"lost": f"{LOST[form]}; {EVIDENCE}", "lost_of_materials": lines}
 
 
 def _write_planes(home: Path, kind: str, maps: SurfaceMaps) -> None:

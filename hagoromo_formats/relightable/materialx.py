@@ -21,7 +21,7 @@ def write_materialx(path: Path, materials: Sequence[MaterialEstimate]) -> None:
     """A document with a standard_surface and a surfacematerial per material; the loss stands in `doc`."""
     root = ElementTree.Element("materialx", {"version": "1.39", "colorspace": "lin_rec709"})
     for number, material in enumerate(materials):
-        name = f"m{number}_" + re.sub(r"\W+", "_", material.name, flags=re.ASCII)
+        name = document_name(number, material)
         said = "; ".join(filter(None, [LOSS, lost("materialx", material)]))
         shader = ElementTree.SubElement(
             root, "standard_surface", {"name": f"{name}_shader", "type": "surfaceshader", "doc": f"Lost: {said}"}
@@ -43,3 +43,8 @@ def write_materialx(path: Path, materials: Sequence[MaterialEstimate]) -> None:
         )
     ElementTree.indent(root)
     path.write_bytes(ElementTree.tostring(root, encoding="utf-8", xml_declaration=True))
+
+
+def document_name(number: int, material: MaterialEstimate) -> str:
+    """A name in letters, digits and _ that no other material of the object has."""
+    return f"m{number}_" + re.sub(r"\W+", "_", material.name, flags=re.ASCII)
