@@ -27,19 +27,23 @@ def export(
     """Measured object → files that other programs read; export.json and the output say what each of them loses.
 
     Args:
-        measured: folder that `measure` wrote, or a materials.json (of `fit`, too) for materialx and rgl.
+        measured: folder that `measure` wrote, or a materials.json (of `fit`, too) for materialx, openpbr and rgl.
         to: formats: png, tiff, exr (normals, albedo, roughness, depth); glb, ply (mesh); relightable images: ptm, hsh
-            (object.rti), rti (both of these), relight (OpenLIME); csv (spectra); materialx; rgl (a .bsdf for each
-            material, read by Mitsuba, with covariance.json). One that cannot be written is named, the others are
-            written, and the exit status is 2.
+            (object.rti), rti (both of these), relight (OpenLIME); csv (spectra); materialx (standard_surface),
+            openpbr (MaterialX, too); rgl (a .bsdf for each material, read by Mitsuba, with covariance.json). One that
+            cannot be written is named, the others are written, and the exit status is 2.
         capture: folder that was measured, for a measurement of version 0.2.
     """
+    from hagoromo_formats.relightable.materialx import differences
+
     with progress_bar("export") as progress:
         record = hg.export(measured, to, out, capture=capture, force=force, progress=progress)
     for name, loss in record["formats"].items():
         error, files = loss.get("rms_error_before_quantisation"), loss.get("files") or [loss.get("file")]
         head = name if files[0] is None else f"{name} ({', '.join(files)})"
         say(f"{head}: lost: {loss['lost']}" + ("" if error is None else f"; rms error {100 * error:.1f} % of white"))
+        for material, off in loss.get("relative_difference", {}).items():
+            say(f"{name}: material {material!r}: {differences(off)}")
         say(*(f"{name}: lost of {each}" for each in loss["lost_of_materials"]))
     wrote(out / "export.json")
     for why in record["refused"].values():

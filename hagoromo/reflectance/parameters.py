@@ -27,7 +27,7 @@ PLANES = ("png", "tiff", "exr")  # maps of a measured surface
 PICTURES = ("ptm", "hsh", "relight")  # relightable images
 VOLUMES = ("vdb", "vti", "nrrd", "vol")  # of a volume box
 PBR = ("gltf", "usd")  # scenes for programs that render by roughness and metallic
-EXPORTS = (*PLANES, "glb", "ply", *PICTURES, "csv", "materialx", "rgl")  # of a measured object
+EXPORTS = (*PLANES, "glb", "ply", *PICTURES, "csv", "materialx", "openpbr", "rgl")  # of a measured object
 FORMATS = ("page", *EXPORTS, "mitsuba", "mitsuba medium", *PBR, *VOLUMES)
 SMALLEST_GAMMA, LARGEST_GAMMA = 1e-4, math.pi / 2  # [rad]
 LARGEST_BETA = 1e4  # [1/sr]
@@ -188,12 +188,12 @@ PARAMETERS = (
     Parameter("nu", "the tails of its facets ν", "interface", GAUSSIAN, "ν", "",
               f"exponent of the facets' tails ν, {LEAST_NU} or more", (LEAST_NU, math.inf), "Gaussian facets", TAIL,
               ("measurement",), column="departing",
-              lost=_lost(*PLANES, "glb", "materialx", *PBR, instead="those of GGX stand instead")
+              lost=_lost(*PLANES, "glb", "materialx", "openpbr", *PBR, instead="those of GGX stand instead")
               | _lost("ply", "csv", "mitsuba medium", *VOLUMES),
               plain_in=dict.fromkeys(PBR, TAILS_OF_GGX)),
     Parameter("lobes", "its further lobes", "interface", (),
               meaning="further Gaussian lobes of the interface",
-              lost=_lost(*OF_SURFACES, *PBR, *VOLUMES)
+              lost=_lost(*OF_SURFACES, "openpbr", *PBR, *VOLUMES)
               | _lost("mitsuba medium", instead="their light has the width of the first")),
     Parameter("interface_colour", "the colour of its gloss", "interface", 1.0, "e",
               meaning="interface (specular) colour", varies=("mitsuba",),
@@ -201,7 +201,7 @@ PARAMETERS = (
     Parameter("epsilon", "how its body darkens at grazing angles ε", "body", 0.0, "ε", "",
               "exponent of the body (Minnaert's, less 1); 0: Lambert's law", EPSILON_RANGE, fitted=LOG_EXPONENT,
               column="departing",
-              lost=_lost(*OF_SURFACES, "mitsuba medium", *PBR, *VOLUMES)),
+              lost=_lost(*OF_SURFACES, "openpbr", "mitsuba medium", *PBR, *VOLUMES)),
     Parameter("sigma", "the roughness of its body σ", "body", 0.0, "σ", "",
               "roughness of the body (Oren and Nayar's); 0: Lambert's law", SIGMA_RANGE, fitted=ROUGHNESS,
               column="departing",

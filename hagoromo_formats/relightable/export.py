@@ -19,7 +19,7 @@ from hagoromo.photograph.capture import Capture, load_capture
 from hagoromo.progress import Progress, silent
 from hagoromo.reflectance.material.materials_file import read_materials
 from hagoromo.reflectance.parameters import EVIDENCE, EXPORTS, PICTURES, PLANES, losses
-from hagoromo_formats.relightable.materialx import LOSS, write_materialx
+from hagoromo_formats.relightable.materialx import LOSS, write_materialx, write_openpbr
 from hagoromo_formats.relightable.measured_brdf import COVARIANCE, measured_brdf, write_measured_brdfs
 from hagoromo_formats.relightable.mesh import albedo_map, roughness, triangles, write_mesh
 from hagoromo_formats.relightable.rti import BASES, WRITERS, fitted
@@ -30,7 +30,7 @@ from hagoromo_page.publication.surface_maps import SurfaceMaps
 LAMPS, TESTED = 60, 12  # directions that relightable formats are fitted to, and tested with
 FULL = 65535.0
 FORMATS = EXPORTS
-OF_MATERIALS = ("materialx", "rgl")  # formats that need no surface
+OF_MATERIALS = ("materialx", "openpbr", "rgl")  # formats that need no surface
 INSTEAD = "its channels stand as red, green and blue, for rgb variants of Mitsuba"
 RTI = {"rti": ("hsh", "ptm")}  # what programs for RTI open: a word for both of their files
 # What every object loses; what its reflectances lose, by their parameters, is said by `losses`
@@ -42,6 +42,7 @@ LOST = {
     "ply": "colours of 8 bits per vertex; steep steps of depth are holes",
     "csv": "all but the spectra of bodies, and the covariance of these",
     "materialx": LOSS,
+    "openpbr": LOSS,
     "rgl": "parameters, as who reads a table interpolates in it: off by 0.2 % in the median, up to 7 % in 99 of 100",
 } | dict.fromkeys(PICTURES, "highlights become broad, cast shadows and spectra are lost; display values (sRGB curve)")
 
@@ -126,6 +127,10 @@ def _write(
     written: dict[str, Any] = {}
     if "materialx" in names:
         write_materialx(home / "materials.mtlx", source.materials)
+    if "openpbr" in names:
+        off = write_openpbr(home / "openpbr.mtlx", source.materials)
+        differs = {one.name: list(each) for one, each in zip(source.materials, off, strict=True)}
+        written["openpbr"] = {"file": "openpbr.mtlx", "relative_difference": differs}
     if "rgl" in names:
         files = write_measured_brdfs(home, source.materials, source.body_spectra, source.photographed_with)
         written["rgl"] = {"files": files, "covariance": COVARIANCE}

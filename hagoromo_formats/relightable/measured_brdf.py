@@ -6,6 +6,7 @@ green and blue are the camera's channels, for its rgb variants. covariance.json:
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -21,7 +22,6 @@ from hagoromo.reflectance.parameters import ROWS, STATED
 from hagoromo.reflectance.reflectance import NEUTRAL, Reflectance
 from hagoromo.reflectance.spectra.spectrum_estimate import SpectrumEstimate
 from hagoromo_formats.reflectances.rgl_out import Array, write_rgl
-from hagoromo_formats.relightable.materialx import document_name
 from hagoromo_page.publication.lit import three_channels
 
 CHANNELS = np.array([400.0, 500.0, 600.0])  # [nm] where red, green and blue stand while they are evaluated
@@ -102,3 +102,8 @@ def covariance_record(material: MaterialEstimate, spectrum: SpectrumEstimate | N
             "covariance": (material.alpha**2 * spectrum.covariance).tolist(),
         }
     return record
+
+
+def document_name(number: int, material: MaterialEstimate) -> str:
+    """A name in letters, digits and _ that no other material of the object has."""
+    return f"m{number}_" + re.sub(r"\W+", "_", material.name, flags=re.ASCII)

@@ -105,7 +105,7 @@ def _archived(folder: Folder) -> list[str]:
 FORMATS = {
     "png": "maps, PNG", "tiff": "maps, TIFF", "exr": "maps, EXR", "glb": "mesh, GLB", "ply": "mesh, PLY", "ptm": "PTM",
     "hsh": "HSH (.rti)", "relight": "Relight (OpenLIME)", "csv": "spectra, CSV", "materialx": "MaterialX",
-    "rgl": "tables for Mitsuba",
+    "openpbr": "OpenPBR (MaterialX)", "rgl": "tables for Mitsuba",
 }  # fmt: skip
 FACTS = (  # that files of photographs may lack
     Option("exposure", "Exposure [s]", "--exposures", hint="of each", aside=True),

@@ -127,7 +127,7 @@ def test_the_page_of_parameters_has_each_with_its_range_and_its_losses():
         "| `gamma` | γ | rad | half width of the distribution of facets γ [rad] | 0.0001 … 1.571 | ln γ | 0.001 … 1.2 |"
         in first
     )
-    assert "| `nu` | png, tiff, exr, glb, materialx, gltf, usd | those of GGX |" in second
+    assert "| `nu` | png, tiff, exr, glb, materialx, openpbr, gltf, usd | those of GGX |" in second
 
 
 def test_rows_say_what_may_differ_from_place_to_place():
