@@ -30,8 +30,9 @@ def export(
         measured: folder that `measure` wrote, or a materials.json (of `fit`, too) for materialx, openpbr and rgl.
         to: formats: png, tiff, exr (normals, albedo, roughness, depth); glb, ply (mesh); relightable images: ptm, hsh
             (object.rti), rti (both of these), relight (OpenLIME); csv (spectra); materialx (standard_surface),
-            openpbr (MaterialX, too); rgl (a .bsdf for each material, read by Mitsuba, with covariance.json). One that
-            cannot be written is named, the others are written, and the exit status is 2.
+            openpbr (MaterialX, too); rgl (a .bsdf for each material, read by Mitsuba, with covariance.json);
+            openmaterial (ASAM OpenMATERIAL 3D: .xomp and tables by wavelength and angle). One that cannot be written is
+            named, the others are written, and the exit status is 2.
         capture: folder that was measured, for a measurement of version 0.2.
     """
     from hagoromo_formats.relightable.materialx import differences

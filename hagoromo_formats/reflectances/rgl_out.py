@@ -8,6 +8,7 @@ and body are both resolved.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -47,20 +48,42 @@ def write_rgl(
     by up to a half where both are beyond 70°. Of γ = 0.005 rad, they are too bright where the lobe is below a
     thousandth of its peak.
     """
+    gloss = [reflectance.gamma, *(gamma for _, gamma in reflectance.lobes)] if reflectance.beta > 0.0 else []
     given = np.asarray(wavelengths, np.float64)
+
+    def sent(to_lamp: Array, to_eye: Array) -> Array:
+        return gain * reflectance.evaluate([0.0, 0.0, 1.0], to_lamp, to_eye, given)
+
+    write_rgl_table(path, sent, gloss, given, field, reflectance.name or "reflectance", force)
+
+
+def write_rgl_table(
+    path: str | Path,
+    sent: Callable[[Array, Array], Array],
+    widths: Sequence[float],
+    wavelengths: Array,
+    field: Literal["spectra", "rgb"] = "spectra",
+    name: str = "table",
+    force: bool = False,
+) -> None:
+    """As `write_rgl`, of any isotropic and reciprocal reflectance.
+
+    sent: unit directions (N, 3) to lamp and eye → f, the BRDF times cosθ_i, (N, C) [1/sr]; 0 for eyes below the
+    horizon. widths: of its lobes [rad], as many places for each.
+    """
     u = np.linspace(0.0, 1.0, FINE)
     polar = 0.5 * np.pi * u**2
-    density = facets_of(reflectance, polar)
+    density = facets_of(widths, polar)
     area = projected_area(density, polar)
     incidences = GRAZING * (1.0 - np.linspace(1.0, 0.0, INCIDENCES) ** DENSER)
     visible = visible_normals(density, polar, incidences)
-    lamp, eye, half = _places(visible, incidences)
-    values = reflectance.evaluate([0.0, 0.0, 1.0], eye, lamp, given)  # f cosθ_o: to the eye's side, as f is reciprocal
-    scale = 4.0 * np.interp(_root(np.arccos(lamp[:, 2])), u, area) / np.interp(_root(half), u, density)
+    first, second, half = _places(visible, incidences)
+    values = sent(second, first)  # the cosine is that of ω_o, and f is reciprocal
+    scale = 4.0 * np.interp(_root(np.arccos(first[:, 2])), u, area) / np.interp(_root(half), u, density)
     shape = (1, INCIDENCES, PLACES, PLACES)
-    spectra = np.moveaxis((values * (gain * scale)[:, None]).reshape(*shape, given.size), 4, 2)
+    spectra = np.moveaxis((values * scale[:, None]).reshape(*shape, wavelengths.size), 4, 2)
     fields: dict[str, NDArray[Any]] = {
-        "description": np.frombuffer((reflectance.name or "reflectance").encode(), np.uint8),
+        "description": np.frombuffer(name.encode(), np.uint8),
         "phi_i": np.zeros(1),
         "theta_i": incidences,
         "sigma": np.stack([area, area]),
@@ -71,21 +94,20 @@ def write_rgl(
         "jacobian": np.ones(1, np.uint8),
     }
     if field == "spectra":
-        fields["wavelengths"] = given
+        fields["wavelengths"] = wavelengths
     with whole_file(path, force) as partial:
         partial.write_bytes(tensor_file(fields))
 
 
-def facets_of(reflectance: Reflectance, polar: Array) -> Array:
+def facets_of(widths: Sequence[float], polar: Array) -> Array:
     """D [1/sr] of half vectors at the angles `polar` [rad], ∫ D cosθ dω = 1: as many places for each ratio of angles.
 
-    A part for the width w of each lobe, and a wide one: cosθ/(θ √(1 + θ²/w²)), whose places are even in θ up to w and
+    A part for each width w, and a wide one: cosθ/(θ √(1 + θ²/w²)), whose places are even in θ up to w and
     in ln θ beyond.
     """
-    gloss = [reflectance.gamma, *(gamma for _, gamma in reflectance.lobes)] if reflectance.beta > 0.0 else []
     weight = 2.0 * np.pi * np.sin(polar) * np.cos(polar)
     mixed = np.zeros_like(polar)
-    for width in (*gloss, WIDEST):
+    for width in (*widths, WIDEST):
         part = (np.cos(polar) + LEAST) / np.sqrt((polar**2 + (CORE * width) ** 2) * (1.0 + (polar / width) ** 2))
         mixed += part / np.trapezoid(part * weight, polar)
     return mixed / np.trapezoid(mixed * weight, polar)

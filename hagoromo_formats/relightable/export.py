@@ -22,6 +22,7 @@ from hagoromo.reflectance.parameters import EVIDENCE, EXPORTS, PICTURES, PLANES,
 from hagoromo_formats.relightable.materialx import LOSS, write_materialx, write_openpbr
 from hagoromo_formats.relightable.measured_brdf import COVARIANCE, measured_brdf, write_measured_brdfs
 from hagoromo_formats.relightable.mesh import albedo_map, roughness, triangles, write_mesh
+from hagoromo_formats.relightable.openmaterial import write_openmaterial
 from hagoromo_formats.relightable.rti import BASES, WRITERS, fitted
 from hagoromo_page.publication.lit import Array, hemisphere, reflected, shown, white_level
 from hagoromo_page.publication.publish import page_source
@@ -44,6 +45,8 @@ LOST = {
     "materialx": LOSS,
     "openpbr": LOSS,
     "rgl": "parameters, as who reads a table interpolates in it: off by 0.2 % in the median, up to 7 % in 99 of 100",
+    "openmaterial": "parameters but as a note, as a table of directions stands for them, finer about the highlight; "
+    "copyrights, license and authors are to be filled in",
 } | dict.fromkeys(PICTURES, "highlights become broad, cast shadows and spectra are lost; display values (sRGB curve)")
 
 
@@ -106,12 +109,16 @@ def _refusal(name: str, source: Measurement, maps: SurfaceMaps | None) -> str:
         return f"{name}: a file of materials has no surface and no spectra: give the folder that measure wrote"
     if name == "csv" and not source.body_spectra:
         return "csv: the measurement has no spectra: they need the lamp's spectrum and the camera's response"
+    if name == "openmaterial":
+        bare = [one.name for one in source.materials if one.name not in source.body_spectra]
+        if bare:
+            return f"openmaterial: the spectrum of material {bare[0]!r} is not known: it needs lamp and response"
     if maps is not None and name in ("glb", "ply"):
         try:
             triangles(maps)
         except InputError as error:
             return f"{name}: {error}"
-    if name == "rgl":
+    if name in ("rgl", "openmaterial"):
         try:
             for material in source.materials:
                 measured_brdf(material, source.body_spectra.get(material.name), source.photographed_with)
@@ -134,6 +141,9 @@ def _write(
     if "rgl" in names:
         files = write_measured_brdfs(home, source.materials, source.body_spectra, source.photographed_with)
         written["rgl"] = {"files": files, "covariance": COVARIANCE}
+    if "openmaterial" in names:
+        files = write_openmaterial(home, source.materials, source.body_spectra, source.photographed_with)
+        written["openmaterial"] = {"files": files}
     if "csv" in names:
         _write_spectra(home / "spectra.csv", source)
     if maps is None:

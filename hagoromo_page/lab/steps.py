@@ -106,6 +106,7 @@ FORMATS = {
     "png": "maps, PNG", "tiff": "maps, TIFF", "exr": "maps, EXR", "glb": "mesh, GLB", "ply": "mesh, PLY", "ptm": "PTM",
     "hsh": "HSH (.rti)", "relight": "Relight (OpenLIME)", "csv": "spectra, CSV", "materialx": "MaterialX",
     "openpbr": "OpenPBR (MaterialX)", "rgl": "tables for Mitsuba",
+    "openmaterial": "ASAM OpenMATERIAL 3D",
 }  # fmt: skip
 FACTS = (  # that files of photographs may lack
     Option("exposure", "Exposure [s]", "--exposures", hint="of each", aside=True),
