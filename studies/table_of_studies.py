@@ -179,6 +179,12 @@ STUDIES: dict[str, Study] = {
         (_module("merl", f"{DATA}/merl_fits", "--out", "out/merl", "--force"),),
         _page("merl", "merl.png"),
     ),
+    "tables": Study(
+        "measured materials as files of MERL and RGL, fitted, beside published fits: docs/tables.md",
+        "ten minutes",
+        (_module("tables", f"{DATA}/merl_fits", "--out", "out/tables", "--force"),),
+        _page("tables"),
+    ),
     "gallery": Study(
         "every recipe close up, whole and under a moving lamp, and what it costs: docs/gallery.md",
         "a quarter of an hour",

@@ -53,10 +53,10 @@ def write_openmaterial(
     files = []
     for number, material in enumerate(materials):
         name, spectrum = document_name(number, material), spectra[material.name]
-        known = covariance_record(material, spectrum)
+        known, left_out = covariance_record(material, spectrum), lost("openmaterial", material)
         about = {
             "name": material.name,
-            "description": f"{MEASURED} Lost: {lost('openmaterial', material) or 'nothing'}.",
+            "description": MEASURED + (f" Lost: {left_out}." if left_out else ""),
             "materialVersion": "1.0.0",
             "openMaterial3dVersion": VERSION,
             **NOT_STATED,
