@@ -273,8 +273,11 @@ class Medium:
         )  # fmt: skip
         return density, clearance
 
-    def extinction_at(self, step: MarchInterval, direction: Array3f) -> tuple[Float, Float]:
-        """σ at the place of a step in a stored brick [1/m], and how far from there light meets no matter [m]."""
+    def extinction_at(self, step: MarchInterval, direction: Array3f, least: Float = 0.0) -> tuple[Float, Float]:
+        """σ at the place of a step in a stored brick [1/m], and how far from there light meets no matter [m].
+
+        Of σ up to `least` only that it is no more is known.
+        """
         free = arrays().Float(0)
         if (textures := self.textures) is None:
             sigma = self.cell_extinction(step)
@@ -285,8 +288,14 @@ class Medium:
             )  # fmt: skip
         if (flakes := self.flakes) is None:
             return sigma, free
-        elements, _ = self._elements(step)
-        return sigma * sum(e.share * flakes.area(e.material, e.axis, direction) for e in elements), free
+
+        def area(step: MarchInterval, direction: Array3f) -> Float:
+            elements, _ = self._elements(step)
+            return sum(e.share * flakes.area(e.material, e.axis, direction) for e in elements)
+
+        # an area is 1 at most
+        seen = dr.if_stmt((step, direction), sigma > least, area, lambda step, direction: arrays().Float(1))
+        return sigma * seen, free
 
     def cell_extinction(self, step: MarchInterval) -> Float:
         """τρ in a cell of eight voxels [1/m]."""
