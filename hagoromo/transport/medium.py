@@ -86,7 +86,7 @@ class Medium:
         self.textures, self.flakes = self.frames.textures, flakes_of(boxes)
         shadow_biases = np.array([box.shadow_bias for box in self.boxes], np.float32)
         self.shadow_biases = lookup(jit.Float, shadow_biases) if shadow_biases.any() else None
-        self.rough = self._is_rough()
+        self.rough, self.two_areas = self._is_rough(), tolerance < DEFAULT_TOLERANCE
         self.tolerance = dr.opaque(jit.Float, tolerance / DEFAULT_TOLERANCE)  # in units of the usual one
         self.negligible = dr.opaque(jit.Float, negligible_depth(self.boxes))
         dr.eval(self.coarse, self.fine)
@@ -153,7 +153,8 @@ class Medium:
 
         τ ρ, in boxes of projected extinction times the projected area of the elements along `direction`. In a cell two
         Gauss points integrate it: exactly a trilinear density, which along a ray is a cubic, and to the fourth order in
-        the length of the step where the elements turn along it. In a texel it is that of the middle of the step.
+        the length of the step where the elements turn along it; to the second at the usual tolerance and above, where
+        their area is that of the middle. In a texel it is that of the middle of the step.
         limit: number of parts that the step is cut into, of which the first is taken; None for the whole step.
         """
         return self.branch(
@@ -226,8 +227,8 @@ class Medium:
             places = [dr.fma(half, node, middle) for node in (-GAUSS_NODE, GAUSS_NODE)]
             low, high = (extinction(place) for place in places)
             if self.flakes is not None:
-                areas = self._areas(step, direction, places, low + high > 0.0)
-                low, high = low * areas[0], high * areas[1]
+                areas = self._areas(step, direction, places if self.two_areas else [middle], low + high > 0.0)
+                low, high = low * areas[0], high * areas[-1]
             total = low + high
             growth = clip((high - low) / (GAUSS_NODE * dr.fmax(total, 1e-30)), -1.0, 1.0)
             return replace(step, depth=total * half, growth=growth)
