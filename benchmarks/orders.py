@@ -11,7 +11,7 @@ in every round; times are medians of the CPU time of all threads, kernels compil
   whose noise falls out. Then Mitsuba gets CHASE times the CPU time of full: what noise has a pixel of it then?
 * another camera: the field is kept, and the picture is timed beside the march of the same camera.
 
-    python benchmarks/orders.py [--scene cloth] [--size 512] [--error 0.01] [--rounds 2]
+    python benchmarks/orders.py [--scene cloth] [--size 512] [--error 0.01] [--rounds 2] [--only Cycles]
 
 Leaves: out/bench/orders_SCENE.json; `python benchmarks/page.py` makes the table of docs/performance.md of them.
 """
@@ -244,9 +244,13 @@ def measured(name: str, given: argparse.Namespace) -> dict[str, Any]:
     """The figures of a scene."""
     contest = CONTESTS[name]()
     pictures = contenders(contest, given.size, os.cpu_count() or 1)
+    if given.only:
+        pictures = {who: each for who, each in pictures.items() if who.startswith(("path", *given.only))}
     timed, seen = {who: Timed(picture) for who, picture in pictures.items()}, covered(contest, given.size)
     try:
         rows = raced(timed, contest, seen, given)
+        if given.only:
+            return {"rows": rows}
         rows += full_rows(contest, given.size, timed["path"].pictures, seen, given.rounds)
         full = next(row for row in rows if row["by"] == "full")
         chase = [] if given.no_chase else chased(timed, full, seen)
@@ -268,6 +272,9 @@ def main() -> None:
     parser.add_argument(
         "--no-chase", action="store_true", help="leave out what Mitsuba reaches in 20 times full's time"
     )
+    parser.add_argument(
+        "--only", nargs="+", metavar="NAME", help="race path against these alone, by how their names begin; no record"
+    )
     given = parser.parse_args()
     if given.rounds < 2:
         parser.error("noise is told from two rounds or more")
@@ -276,6 +283,8 @@ def main() -> None:
         figures = measured(name, given)
         for row in figures["rows"]:
             print(row, flush=True)
+        if given.only:
+            continue
         figures["wall_s"], figures["cpu_s"] = time.perf_counter() - begin, time.process_time() - spent
         record(f"orders_{name}", figures)
 

@@ -15,9 +15,10 @@ from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.transport.path.bands import COUNTS, Bands
 from hagoromo.volume.box import VolumeBox
+from hagoromo.volume.voxels import unpacked_density
 
 LARGEST_ALBEDO = 1.002  # of voxels, whose colours are halves
-BRICKS_READ = 1 << 12  # at once
+BRICKS_READ = 1 << 10  # at once
 BANDS_ERROR = 0.02  # of bands, above which a picture warns
 
 
@@ -80,11 +81,13 @@ def largest_albedo(box: VolumeBox) -> float:
     """Largest albedo of the body colours of a box's voxels, with the largest α of its materials and their interface."""
     knots = [spectrum.wavelengths for spectrum in box.basis]  # between which a spectrum is linear
     wavelengths = np.unique(np.clip(np.concatenate(knots), 400.0, 700.0))
-    basis = np.array([spectrum.at(wavelengths) for spectrum in box.basis])
-    brightest = 0.0
-    for begin in range(0, box.bricks.kept, BRICKS_READ):
-        held = box.bricks.read(begin, min(begin + BRICKS_READ, box.bricks.kept))
-        colours = held["colour"][held["density"] > 0.0][:, : len(basis)].astype(np.float32)
-        brightest = max(brightest, float((colours @ basis).max(initial=0.0)))
+    basis = np.array([spectrum.at(wavelengths) for spectrum in box.basis], np.float32)
+    bricks, brightest = box.bricks, 0.0
+    assert bricks.colour is not None
+    for begin in range(0, bricks.kept, BRICKS_READ):
+        read = begin, min(begin + BRICKS_READ, bricks.kept)
+        matter = unpacked_density(np.array(bricks.density.read(*read))).ravel() > 0.0
+        colours = np.array(bricks.colour.read(*read)).reshape(-1, 4)[matter, : len(basis)].astype(np.float32)
+        brightest = max([brightest, *(float((colours @ each).max(initial=0.0)) for each in basis.T)])
     sent = [(math.pi * m.alpha * brightest, m.interface_albedo, m.transmitted_albedo().max()) for m in box.materials]
     return max(sum(parts) for parts in sent)

@@ -128,11 +128,11 @@ class Crossing:
                 distance, ray = dr.select(first, state.ends[k], distance), selected(first, rays[k], ray)
         return slot, distance, ray
 
-    def interval_end(self, ray: Ray, begin: Float, place: Array3f, brick: Int, stored: int = CELL_BITS) -> Float:
+    def interval_end(self, ray: Ray, begin: Float, place: Array3f, brick: Int, stored: int | Int = CELL_BITS) -> Float:
         """Where the cell, or the empty bricks (or blocks of them), that a ray is in at `begin` end, from its entry [m].
 
-        place: lattice coordinates a `probe` behind `begin`. stored: CELL_BITS, or BRICK_BITS for the end of a whole
-        stored brick in place of that of its cell.
+        place: lattice coordinates a `probe` behind `begin`. stored: CELL_BITS, or bits of the voxels along a part of a
+        stored brick, BRICK_BITS for all of it, whose end is wanted in place of that of its cell.
         """
         jit = arrays()
         empty, ahead = brick < 0, ray.direction > 0.0
@@ -142,7 +142,7 @@ class Crossing:
         cell = jit.Array3i(dr.floor(place)) >> size
         face = dr.select(ahead, cell + 1 + reach, cell - reach) << size
         end, least = dr.min((jit.Array3f(face) - ray.origin) / ray.direction), begin + 2.0 * self.probe(ray, begin)
-        textures = self.frames.textures if stored == CELL_BITS else None
+        textures = self.frames.textures if isinstance(stored, int) and stored == CELL_BITS else None
         if textures is not None:  # steps of a texel lie on one grid along the ray: what it cuts is random
             step = 2.0 * ray.probe
             behind = (dr.ceil(end / step + (self.phase - 0.5)) - self.phase) * step

@@ -142,13 +142,22 @@ def march(
     channels = [dr.zeros(jit.Float, count) for _ in range(lighting.channels)]
     intervals = [nothing_open(count) for _ in state.ends]
     samples = [no_sample(count, lighting) for _ in state.ends]
-    depth = dr.zeros(jit.Float, count)
-    deepest = last_depth(medium)
-    while crossing.unfinished(state) & (depth < deepest):
-        step = medium.next(crossing, state)
-        interval = in_slot(intervals, step.slot)
-        depth = depth_at(crossing, state, intervals, step)
-        if interval.depth > medium.negligible:
+    depth, deepest = dr.zeros(jit.Float, count), last_depth(medium)
+    step, going = medium.next(crossing, state), crossing.unfinished(state)
+    interval = in_slot(intervals, step.slot)
+    while going:
+        empty = going
+        while empty:  # every lane of a packet goes on to matter, so that all shade together
+            parts = limit(crossing, step, in_slot(samples, step.slot), boxes_at(crossing, state, step))
+            step = medium.extinction(step, direction, parts)
+            intervals = put(intervals, step.slot, opened(step, interval, depth))
+            state = crossing.enter_next_box(crossing.open(step, state, step.begin))
+            going = crossing.unfinished(state) & (depth < deepest)
+            step = medium.next(crossing, state)
+            interval = in_slot(intervals, step.slot)
+            depth = dr.select(going, depth_at(crossing, state, intervals, step), depth)
+            empty = going & (interval.depth <= medium.negligible)
+        if going & (interval.depth > medium.negligible):
             sample = in_slot(samples, step.slot)
             total = dr.fmax(depth - interval.before, interval.depth)
             share = centroid(total)
@@ -170,11 +179,6 @@ def march(
             channels = accumulated(lighting, channels, complete.gains(rates), complete.light)
             channels = with_smooth(lighting, channels, complete.smooth_gain(), complete.smooth)
             samples = put(samples, step.slot, new)
-        parts = limit(crossing, step, in_slot(samples, step.slot), boxes_at(crossing, state, step))
-        step = medium.extinction(step, direction, parts)
-        intervals = put(intervals, step.slot, opened(step, interval, depth))
-        state = crossing.open(step, state, step.begin)
-        state = crossing.enter_next_box(state)
     ended = depth >= deepest
     return finished(lighting, channels, samples, depth, ended), dr.select(ended, 0.0, dr.exp(-depth))
 
@@ -314,3 +318,4 @@ def optical_depth(
         state = crossing.advance(step, state)
         state = crossing.enter_next_box(state)
     return depth
+

@@ -86,7 +86,7 @@ class Medium:
         self.textures, self.flakes = self.frames.textures, flakes_of(boxes)
         shadow_biases = np.array([box.shadow_bias for box in self.boxes], np.float32)
         self.shadow_biases = lookup(jit.Float, shadow_biases) if shadow_biases.any() else None
-        self.rough = self._is_rough()
+        self.rough, self.two_areas = self._is_rough(), tolerance < DEFAULT_TOLERANCE
         self.tolerance = dr.opaque(jit.Float, tolerance / DEFAULT_TOLERANCE)  # in units of the usual one
         self.negligible = dr.opaque(jit.Float, negligible_depth(self.boxes))
         dr.eval(self.coarse, self.fine)
@@ -153,7 +153,8 @@ class Medium:
 
         τ ρ, in boxes of projected extinction times the projected area of the elements along `direction`. In a cell two
         Gauss points integrate it: exactly a trilinear density, which along a ray is a cubic, and to the fourth order in
-        the length of the step where the elements turn along it. In a texel it is that of the middle of the step.
+        the length of the step where the elements turn along it; to the second at the usual tolerance and above, where
+        their area is that of the middle. In a texel it is that of the middle of the step.
         limit: number of parts that the step is cut into, of which the first is taken; None for the whole step.
         """
         return self.branch(
@@ -226,8 +227,8 @@ class Medium:
             places = [dr.fma(half, node, middle) for node in (-GAUSS_NODE, GAUSS_NODE)]
             low, high = (extinction(place) for place in places)
             if self.flakes is not None:
-                areas = self._areas(step, direction, places, low + high > 0.0)
-                low, high = low * areas[0], high * areas[1]
+                areas = self._areas(step, direction, places if self.two_areas else [middle], low + high > 0.0)
+                low, high = low * areas[0], high * areas[-1]
             total = low + high
             growth = clip((high - low) / (GAUSS_NODE * dr.fmax(total, 1e-30)), -1.0, 1.0)
             return replace(step, depth=total * half, growth=growth)
@@ -273,8 +274,11 @@ class Medium:
         )  # fmt: skip
         return density, clearance
 
-    def extinction_at(self, step: MarchInterval, direction: Array3f) -> tuple[Float, Float]:
-        """σ at the place of a step in a stored brick [1/m], and how far from there light meets no matter [m]."""
+    def extinction_at(self, step: MarchInterval, direction: Array3f, least: Float = 0.0) -> tuple[Float, Float]:
+        """σ at the place of a step in a stored brick [1/m], and how far from there light meets no matter [m].
+
+        Of σ up to `least` only that it is no more is known.
+        """
         free = arrays().Float(0)
         if (textures := self.textures) is None:
             sigma = self.cell_extinction(step)
@@ -285,8 +289,14 @@ class Medium:
             )  # fmt: skip
         if (flakes := self.flakes) is None:
             return sigma, free
-        elements, _ = self._elements(step)
-        return sigma * sum(e.share * flakes.area(e.material, e.axis, direction) for e in elements), free
+
+        def area(step: MarchInterval, direction: Array3f) -> Float:
+            elements, _ = self._elements(step)
+            return sum(e.share * flakes.area(e.material, e.axis, direction) for e in elements)
+
+        # an area is 1 at most
+        seen = dr.if_stmt((step, direction), sigma > least, area, lambda step, direction: arrays().Float(1))
+        return sigma * seen, free
 
     def cell_extinction(self, step: MarchInterval) -> Float:
         """τρ in a cell of eight voxels [1/m]."""

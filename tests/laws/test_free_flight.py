@@ -15,6 +15,7 @@ from hagoromo.backend import arrays
 from hagoromo.reflectance.element import ELEMENTS
 from hagoromo.transport.medium import Medium
 from hagoromo.transport.path.free_flight import Matter, first_collision, transmittance
+from hagoromo.transport.path.majorants import largest_densities
 from hagoromo.transport.path.path import random_numbers
 from tests.judges import mean_is, sampler_follows_density
 from tests.oracle.photons import area
@@ -65,7 +66,27 @@ def rays(count):
 
 
 BOXES: dict[str, list[Any]] = {element: [(densities(1), 8.0, element)] for element in ELEMENTS}
+SPARSE = densities(1) * (np.random.default_rng(3).random((VOXELS,) * 3) < 0.08)  # deep bricks, most of them empty
+BOXES["deep bricks"] = [(SPARSE, 60.0, "cylinder")]
 BOXES["two that overlap"] = [(densities(1), 4.0, "sphere"), (densities(2), 6.0, "cylinder")]
+
+
+def test_majorants_of_parts_hold_the_densities_in_them():
+    """Bounds of 2³ voxels and the layer behind: never less, and more by a step of their shares at most."""
+    box = box_of(SPARSE, 120.0, "sphere")
+    densest, shares = largest_densities(box.bricks)
+    place = {tuple(corner): number for number, corner in enumerate(box.bricks.places)}
+    used = 0
+    for z, y, x in np.ndindex(VOXELS // 2, VOXELS // 2, VOXELS // 2):
+        held = SPARSE[2 * z : 2 * z + 3, 2 * y : 2 * y + 3, 2 * x : 2 * x + 3].max()
+        brick = place.get((z // 4, y // 4, x // 4))
+        if brick is None:
+            assert held == 0.0
+            continue
+        bound = densest[brick] * shares[brick].reshape(4, 4, 4)[z % 4, y % 4, x % 4] / 255.0
+        assert held * (1.0 - 1e-6) <= bound <= held + densest[brick] / 255.0
+        used += held > 0.0
+    assert used > 100
 
 
 @pytest.mark.parametrize("boxes", BOXES.values(), ids=BOXES)

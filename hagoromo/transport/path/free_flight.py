@@ -17,7 +17,7 @@ from hagoromo.backend import Array3f, Bool, Float, Int, UInt, arrays, clip
 from hagoromo.transport.crossing import BRICK_BITS, LAST_IN_CELL, NUDGE, Crossing, MarchInterval, Ray, selected
 from hagoromo.transport.frames import DENSEST
 from hagoromo.transport.medium import Medium
-from hagoromo.transport.path.majorants import Majorants
+from hagoromo.transport.path.majorants import PART_BITS, Majorants
 from hagoromo.volume.voxels import BRICK
 
 LEAST_PASSED = 0.1  # transmittance below which a shadow ray goes on by chance
@@ -42,7 +42,8 @@ class Matter:
         self.medium, self.majorants = medium, Majorants(medium.boxes)
 
     def in_brick(self, crossing: Crossing, ray: Ray, at: Float) -> tuple[Int, Array3f, Float, Float]:
-        """Of a ray `at` a distance from its entry: the brick, its first voxel, where the ray leaves it, the majorant.
+        """Of a ray `at` a distance from its entry: the brick, its first voxel, where the ray leaves it, or the
+        part of it, and the majorant.
 
         Empty bricks together are left at once; their majorant is 0.
         """
@@ -50,23 +51,27 @@ class Matter:
         place = ray.at(at + ray.probe)
         inside = ray.inside(place)
         brick = medium.brick_at(ray, inside)
-        leaves = crossing.interval_end(ray, at, place, brick, BRICK_BITS)
         stored = brick >= 0
-        majorant = dr.select(stored, self.majorants.of(ray, jit.UInt(dr.select(stored, brick, 0))), 0.0)
-        return brick, jit.Array3f((jit.Array3i(inside) >> 3) << 3), leaves, majorant
+        majorant, in_part = self.majorants.of(ray, jit.UInt(dr.select(stored, brick, 0)), inside)
+        bits = dr.select(in_part, jit.Int(PART_BITS), BRICK_BITS)
+        leaves = crossing.interval_end(ray, at, place, brick, bits)
+        first = jit.Array3f((jit.Array3i(inside) >> BRICK_BITS) << BRICK_BITS)
+        return brick, first, leaves, dr.select(stored, majorant, 0.0)
 
     def place(self, ray: Ray, at: Float, first: Array3f) -> Array3f:
         """Lattice coordinates of a ray at a distance from its entry, within the brick whose first voxel is `first`."""
         place = ray.inside(ray.at(at))
         return type(place)(*(clip(place[k], first[k], first[k] + LAST_IN_BRICK) for k in range(3)))
 
-    def extinction(self, ray: Ray, place: Array3f, brick: Int, direction: Array3f) -> tuple[Float, Float]:
+    def extinction(
+        self, ray: Ray, place: Array3f, brick: Int, direction: Array3f, least: Float = 0.0
+    ) -> tuple[Float, Float]:
         """σ at a place in a stored brick, for light along the unit `direction` (world) [1/m]; and how far from there it
-        meets no matter [m].
+        meets no matter [m]. least: see `Medium.extinction_at`.
         """
         nothing = arrays().Float(0)
         step = MarchInterval(arrays().UInt(0), ray, nothing, nothing, place, brick, nothing, nothing)
-        return self.medium.extinction_at(step, direction)
+        return self.medium.extinction_at(step, direction, least)
 
     def ray(self, crossing: Crossing, box: UInt) -> Ray:
         """The ray on the lattice of a box; in a texel, too, bricks are looked up a nudge ahead."""
@@ -109,7 +114,7 @@ def collision_in_box(
         at = dr.select(tentative, stop, leaves)
         if tentative:
             place = matter.place(ray, at, first)
-            sigma, free = matter.extinction(ray, place, brick, direction)
+            sigma, free = matter.extinction(ray, place, brick, direction, chance)
             found = selected(chance < sigma, Collision(ray.near + at, ray.box, place, brick), found)
             at = dr.select(chance < sigma, end, at + free)
     return found, random
