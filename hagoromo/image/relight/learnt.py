@@ -218,7 +218,7 @@ def _changed(fit: Fit, whole: NormalFit, without: NormalFit) -> Fit:
 
 def _known(capture: Capture, views: Views) -> tuple[Array, NDArray[np.bool_], Array]:
     """Values, whether they are valid (also in shadow), and directions of the lamps."""
-    trusted = np.stack([photograph.mask[views.rows, views.columns] for photograph in capture.photographs])
+    trusted = views.valid(capture.photographs)
     values = np.where(np.isfinite(views.values), views.values, 0.0)
     return values, trusted, _directions(views.to_lamp)
 

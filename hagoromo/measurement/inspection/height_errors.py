@@ -21,7 +21,7 @@ from scipy.ndimage import map_coordinates
 
 from hagoromo.measurement.inspection.seen_surface import SeenSurface
 from hagoromo.measurement.nearest import nearest_known
-from hagoromo.measurement.surface.depth import GAUGE, Graph, graph
+from hagoromo.measurement.surface.graph import GAUGE, Graph, graph
 
 Array = NDArray[np.float64]
 MOST_PIXELS = 60_000  # around a line, whose errors are followed; more are averaged over squares

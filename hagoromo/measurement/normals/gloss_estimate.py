@@ -57,7 +57,7 @@ def measurement_of(capture: Capture, normal_map: NormalMap) -> Measurement:
     if len(capture.photographs) != len(views.values):
         raise InputError("the normals are of another capture: solve them for this one")
     model = fit.evenness(views.place)[:, None] * predicted(fit, views.to_lamp, views.to_eye)
-    masks = np.stack([photograph.mask[views.rows, views.columns] for photograph in capture.photographs])
+    masks = views.valid(capture.photographs)
     residual = np.where(masks[:, None], (views.values - model) / np.sqrt(views.variance), np.nan)
     predictions, residuals = (
         tuple(views.image(one.T.astype(np.float32), np.nan) for one in values)

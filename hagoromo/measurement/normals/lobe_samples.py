@@ -298,7 +298,7 @@ class Trust:
 
 def trust_of(capture: Capture, views: Views) -> Trust:
     """That of `views`, by the masks and values of `capture`."""
-    trusted = np.stack([photograph.mask[views.rows, views.columns] for photograph in capture.photographs])
+    trusted = views.valid(capture.photographs)
     lower = np.zeros(views.values.shape, bool)
     for k, photograph in enumerate(capture.photographs):
         raw = photograph.values[views.rows, views.columns].T

@@ -97,6 +97,10 @@ class Views:
             lamps=lamps,
         )
 
+    def valid(self, photographs: Sequence[Photograph]) -> NDArray[np.bool_]:
+        """(K, P) whether the values of the photographs are valid, also those in shadow."""
+        return np.stack([photograph.mask[self.rows, self.columns] for photograph in photographs])
+
     def image(self, pixels: NDArray, unknown: float = 0.0) -> NDArray:
         """(h, w, ...) image of (P, ...) values of the pixels."""
         whole = np.full((*self.shape, *pixels.shape[1:]), unknown, pixels.dtype)

@@ -61,8 +61,8 @@ class SeenRelief:
         self._own = column(jit.Float, (self.here[:, 2] - middle).astype(np.float32))
         self._row, self._column = (column(jit.Float, one.astype(np.float32)) for one in pixels)
         self._middle = dr.opaque(jit.Float, middle)
-        strides = _strides(float(np.hypot(*np.ptp(np.argwhere(known), axis=0))) if known.any() else 1.0)
-        self._strides, self._count = column(jit.Float, strides.astype(np.float32)), dr.opaque(jit.UInt, len(strides))
+        along = strides(float(np.hypot(*np.ptp(np.argwhere(known), axis=0))) if known.any() else 1.0)
+        self._strides, self._count = column(jit.Float, along.astype(np.float32)), dr.opaque(jit.UInt, len(along))
 
     def highest(self, step: Array) -> Array:
         """(P,) cosine of the angle between eye and horizon, BELOW where nothing stands.
@@ -109,7 +109,7 @@ class SeenRelief:
         return total / dr.fmax(weight, 1e-9), weight
 
 
-def _strides(reach: float) -> Array:
+def strides(reach: float) -> Array:
     """Distances [px] of the samples along a path: 1, 2, … NEAR_PX, then growing steps up to `reach`."""
     near = np.arange(1.0, min(NEAR_PX, max(reach, 1.0)) + 1.0)
     if reach <= NEAR_PX:

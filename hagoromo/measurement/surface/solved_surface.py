@@ -14,6 +14,7 @@ from hagoromo.files.record import decode, read_json
 from hagoromo.measurement.measurement import Measurement
 from hagoromo.measurement.normals.gloss_choice import BY_EVIDENCE, GlossModel
 from hagoromo.measurement.normals.normals import NormalMap, solve_normals, solve_with_one_lobe
+from hagoromo.measurement.surface.cast_shadows import cast_shadows
 from hagoromo.measurement.surface.depth import DepthSurface, surface_from_normals, surface_of
 from hagoromo.measurement.surface.own_light import NOTABLE, OwnLight, Values, own_light, without
 from hagoromo.measurement.surface.shape import SIMPLE, has_near_lamps, solve_shape
@@ -97,7 +98,8 @@ def _solve(capture: Capture, distance: float, progress: Progress, model: GlossMo
         return shape.normal_map, shape.surface
     normals = solve_normals(capture, progress=progress, model=model)
     camera = capture.photographs[0].camera
-    return normals, surface_of(normals, camera, distance)
+    shadows = cast_shadows(normals, normals.views.valid(capture.photographs))
+    return normals, surface_of(normals, camera, distance, shadows=shadows)
 
 
 def _solve_simply(

@@ -36,6 +36,7 @@ from hagoromo.measurement.normals.pixel_errors import UNKNOWN_DIRECTION, footpri
 from hagoromo.measurement.normals.pixel_fit import STILL_MOVING_SHARE, PixelConditions, fit_pixels
 from hagoromo.measurement.normals.shading import Gloss
 from hagoromo.measurement.normals.views import Array, Stack, Views, views_from_stack
+from hagoromo.measurement.surface.cast_shadows import cast_shadows
 from hagoromo.measurement.surface.depth import DepthSurface, anchored_surface, surface_of
 from hagoromo.measurement.surface.shape import has_near_lamps, solve_shape
 from hagoromo.measurement.surface.tile_store import TileStore
@@ -108,7 +109,8 @@ def solve_coarse(
         return Coarse(capture, shape.normal_map, shape.surface)
     plain = solve_with_one_lobe(capture, prior=prior, progress=progress, model=model)
     normal_map = with_shared_errors(plain)
-    surface = surface_of(normal_map, capture.photographs[0].camera, distance)
+    shadows = cast_shadows(normal_map, normal_map.views.valid(capture.photographs))
+    surface = surface_of(normal_map, capture.photographs[0].camera, distance, shadows=shadows)
     return _with_lobes(store, Coarse(capture, normal_map, surface, misfit=_misfit(plain, normal_map)))
 
 
