@@ -36,9 +36,11 @@ Array = NDArray[np.float64]
 class CloseLook:
     """curvature: (h, w) [1/unit] and occlusion: (h, w), NaN where unknown, at the pixels of the photographs. stretch:
     of the body colours. errors: fields of the distance [m], (n, rows, columns), and short: (rows, columns) standard
-    error [m] of what is narrower than a cell; None without errors. step: pixels along each side of a cell.
+    error [m] of what is narrower than a cell; None without errors. step: pixels along each side of a cell. points:
+    (h, w, 3) [m] of the surface, 0 where unknown.
     """
 
+    points: Array
     curvature: Array
     occlusion: Array
     unit: str
@@ -99,7 +101,7 @@ def close_look(measurement: Measurement, taken: Photographed) -> CloseLook | Non
     step = -(-max(surface.known.shape) // GRID)
     errors, short = (None, None) if surface.own_variance is None else _errors(surface, step)
     open_share = coarse_occlusion(surface, OCCLUSION_PIXELS, OCCLUSION_DIRECTIONS)
-    return CloseLook(curvature(surface).value, open_share, surface.unit, stretch, errors, short, step)
+    return CloseLook(surface.points, curvature(surface).value, open_share, surface.unit, stretch, errors, short, step)
 
 
 def _errors(surface: SeenSurface, step: int) -> tuple[Array | None, Array | None]:

@@ -143,7 +143,7 @@ def surface_maps(
         labels=labels,
         normals=normals,
         body=body,
-        depth=_depth(source.points, camera, labels),
+        depth=_depth(source.points if look is None else look.points, camera, labels),
         beta=filled("beta"),
         gamma=filled("gamma"),
         tail=None if gloss is None else _tail(gloss.nu, measurement.materials, labels),

@@ -53,7 +53,7 @@ def coverage(size, draws, lines):
         solved = surface_from_normals(noisy, camera, 0.4, np.where(inside, own, 1.0), draws=1, modes=modes)
         assert solved.modes is not None
         shared = SharedErrors(modes, solved.modes)
-        measured = SeenSurface(camera, inside, solved.points, noisy, None, None, own, own, shared, True)
+        measured = SeenSurface(camera, inside, solved.points, noisy, None, None, own, own, shared, True).sharpened()
         for hit, line in zip(hits, lines, strict=True):
             start, end = (np.array(one) * size for one in line)
             found, truth = hg.profile(measured, start, end), hg.profile(of_truth, start, end)

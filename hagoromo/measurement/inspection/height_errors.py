@@ -8,7 +8,8 @@ h of the distances, its change by the normals n is
     ∂h/∂n = cᵀ A⁻¹ Dᵀ W ∂(chords)/∂n,
 
 solved once for each height. The squares of it, times the variances of the normals, add up. Beside them stand the error
-of the rule of chords, as the integration has it, and what all pixels share, whose distances the measurement states.
+of the rule of chords, as the integration has it, that of the width of the pixels (`footprint`), and what all pixels
+share, whose distances the measurement states.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
+from hagoromo.measurement.inspection.footprint import unevenness
 from hagoromo.measurement.inspection.seen_surface import SeenSurface
 from hagoromo.measurement.nearest import nearest_known
 from hagoromo.measurement.surface.graph import GAUGE, Graph, graph
@@ -26,6 +28,7 @@ from hagoromo.measurement.surface.graph import GAUGE, Graph, graph
 Array = NDArray[np.float64]
 MOST_PIXELS = 60_000  # around a line, whose errors are followed; more are averaged over squares
 MARGIN, LEAST_MARGIN = 0.5, 24.0  # of the length of a line, and px: errors beyond it move both ends alike
+BESIDE = 12  # px around a line of which the bending counts
 HEIGHTS = 48  # along a line, at which errors are solved for; between them they are interpolated
 
 
@@ -58,7 +61,7 @@ def height_variance(surface: SeenSurface, places: LinePlaces) -> HeightVariance:
     share = places.share
     wanted = 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, HEIGHTS))  # denser at the ends, where errors grow fastest
     chosen = np.unique(np.searchsorted(share, wanted).clip(0, len(share) - 1))
-    own = np.interp(share, share[chosen], _own(surface, places.of(chosen)))
+    own = np.interp(share, share[chosen], _own(surface, places.of(chosen))) + _of_width(surface, places)
     shared = np.zeros(len(share))
     for mode in () if surface.shared is None else surface.shared.distance:
         moved = places.along * _between(mode.astype(np.float64), surface.known, places.image)
@@ -116,6 +119,19 @@ def _own(surface: SeenSurface, places: LinePlaces) -> Array:
         ends = (1.0 - places.share) ** 2 + places.share**2
         found += np.where((places.share > 0.0) & (places.share < 1.0), short * places.along**2 * (1.0 + ends), 0.0)
     return found
+
+
+def _of_width(surface: SeenSurface, places: LinePlaces) -> Array:
+    """(n,) variance [m²] by the width of the pixels."""
+    low = np.maximum(np.floor(places.image.min(axis=0)) - BESIDE, 0.0).astype(int)
+    high = np.minimum(np.ceil(places.image.max(axis=0)) + BESIDE, surface.known.shape[::-1]).astype(int)
+    part = surface.part(slice(low[1], high[1]), slice(low[0], high[0]))
+    assert part.own_variance is not None
+    bending = unevenness(part.normals, part.camera, part.known, part.own_variance)
+    found = places.along * places.away * _between(bending.left, part.known, places.image - low)
+    share = places.share
+    inner = np.where((share > 0.0) & (share < 1.0), 1.0, 0.0)
+    return inner * (found**2 + (1.0 - share) ** 2 * found[0] ** 2 + share**2 * found[-1] ** 2)
 
 
 def _around(surface: SeenSurface, image: Array) -> tuple[SeenSurface, Array, int]:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
 from hagoromo.measurement.error_files import SharedErrors
+from hagoromo.measurement.inspection.footprint import unevenness
 from hagoromo.measurement.measurement import Measurement
 from hagoromo.measurement.normals.pixel_errors import UNKNOWN_DIRECTION
 from hagoromo.measurement.photographed import Photographed
@@ -89,6 +90,15 @@ class SeenSurface:
             shared = SharedErrors(*(one.astype(np.float32) for one in parts))
         return replace(self, camera=camera, known=known, shared=shared, **maps)
 
+    def sharpened(self) -> SeenSurface:
+        """With what the width of the pixels took away from grooves and ridges, where the shape was integrated."""
+        if self.own_variance is None:
+            return self
+        lost = unevenness(self.normals, self.camera, self.known, self.own_variance).lost
+        ray = self.points - self.camera.position
+        points = np.where(self.known[..., None], self.camera.position + np.exp(lost)[..., None] * ray, 0.0)
+        return replace(self, points=points)
+
     def _maps(self) -> Mapping[str, NDArray]:
         return {key: getattr(self, key) for key in MAPS if getattr(self, key) is not None}
 
@@ -135,7 +145,7 @@ def seen_surface(measurement: Measurement, taken: Photographed | None = None) ->
         summed,
         None if own is None else shared,
         has_scale(measurement, taken),
-    )
+    ).sharpened()
 
 
 def _means(maps: NDArray, step: int) -> Array:
