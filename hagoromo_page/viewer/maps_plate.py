@@ -8,6 +8,8 @@ import numpy as np
 
 from hagoromo.camera.response import camera_white, srgb_from_camera
 from hagoromo.measurement.inspection.map_files import end_of_curvature, end_of_occlusion
+from hagoromo.measurement.inspection.profile import HeightProfile, profile
+from hagoromo.measurement.inspection.seen_surface import SeenSurface, seen_surface
 from hagoromo.measurement.measurement import Measurement
 from hagoromo_page.publication.closely import CloseLook
 from hagoromo_page.publication.lit import reflected
@@ -43,6 +45,7 @@ class MapsPlate:
     def __init__(self, maps: SurfaceMaps, measurement: Measurement, look: CloseLook | None = None) -> None:
         self.maps, self.measurement, self.look = maps, measurement, look
         self.size = (maps.labels.shape[1], maps.labels.shape[0])
+        self._surface: SeenSurface | None = None  # of the whole measurement, once heights are asked for
         optional = {
             "depth": maps.depth, "β interface": maps.beta, "γ roughness": maps.gamma, "1/ν tails": maps.tail,
             OF_NORMALS: maps.normal_error, OF_BODY: maps.body_error,
@@ -135,6 +138,13 @@ class MapsPlate:
             return replace(found, said=(*said, "no spectrum: the camera's response or the lamp's is not known"))
         share = np.pi * float(maps.body[row, column].mean())  # body spectra are of mean 1 over the channels
         return replace(with_spectrum(found, known, share), said=(*said, "spectrum: reflectance of the body, 95 % band"))
+
+    def heights(self, start: Probe, end: Probe) -> HeightProfile:
+        """Heights along the line between two probes, as `hagoromo profile` gives them; `InputError` as that."""
+        if self._surface is None:
+            self._surface = seen_surface(self.measurement)
+        places = [(one.column + 0.5 + self.maps.x, one.row + 0.5 + self.maps.y) for one in (start, end)]
+        return profile(self._surface, *places)
 
     def _to_srgb(self, values: Picture) -> Picture:
         """Linear sRGB of camera values under its lamps; of an unknown response as they are."""

@@ -13,6 +13,8 @@ from hagoromo.camera.pose import inverse_pose
 from hagoromo.errors import InputError
 from hagoromo.image.render import render
 from hagoromo.image.scene_file import load_scene
+from hagoromo_page.viewer.heights_panel import HeightsPanel
+from hagoromo_page.viewer.maps_plate import MapsPlate
 from hagoromo_page.viewer.panel import value_set
 from hagoromo_page.viewer.photographs import LARGEST_DIFFERENCE, through
 from hagoromo_page.viewer.picture_desk import PictureDesk, PictureWatcher
@@ -44,6 +46,10 @@ class OwnPanel:
         with self.folder:
             self.said = gui.add_markdown("Click into the picture.")
             self.plot: Any = None
+        plate = watcher.desk.plate if isinstance(watcher.desk, PictureDesk) else None
+        self.heights: HeightsPanel | None = None
+        if isinstance(plate, MapsPlate) and plate.look is not None:
+            self.heights = HeightsPanel(client, plate, queued)
         with gui.add_folder("Write", expand_by_default=False):
             if has_scene:
                 gui.add_button("write scene.toml").on_click(queued(lambda _: self.write(False)))
@@ -135,6 +141,8 @@ class OwnPanel:
         before, self.last = self.last, found
         self.said.content = probe_text(self.last, before)
         self._draw(self.last, before)
+        if self.heights is not None:
+            self.heights.clicked(found)
 
     def _draw(self, now: Probe, before: Probe | None) -> None:
         """The spectra of this click and the one before, and the band of this one."""

@@ -1,12 +1,15 @@
 """Pictures in the viewer: what is developed is the image, its light changes without a march, and probes have bands."""
 
 from dataclasses import replace
+from types import SimpleNamespace
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
 
 from hagoromo.app.cli import main
 from hagoromo.camera.response import Response, camera_white, srgb_from_camera
+from hagoromo.errors import InputError
 from hagoromo.files.exr import write_exr
 from hagoromo.image import march_picture
 from hagoromo.image.image import Image
@@ -16,10 +19,12 @@ from hagoromo.image.settings import Settings
 from hagoromo.image.spectral_exr import SpectralPicture, write_spectral_exr
 from hagoromo.light.colour import delta_e_2000, srgb_encode
 from hagoromo.light.spectrum import Spectrum
+from hagoromo.measurement.inspection.profile import profile
 from hagoromo.reflectance.spectra.spectrum_estimate import SpectrumEstimate
 from hagoromo_page.publication.lit import reflected
 from hagoromo_page.publication.publish import page_source
 from hagoromo_page.viewer.development import metered
+from hagoromo_page.viewer.heights_panel import END, HeightsPanel
 from hagoromo_page.viewer.image_plate import ImagePlate
 from hagoromo_page.viewer.maps_plate import OF_CURVATURE, OF_NORMALS, OF_SKY, OF_STRETCH, MapsPlate
 from hagoromo_page.viewer.open_desk import open_desk
@@ -206,6 +211,35 @@ def test_a_part_of_a_measurement_has_the_stretched_colours_of_the_whole():
     part = plate.part(slice(10, 20), slice(10, 20), (10, 10))
     assert np.array_equal(part.coded(OF_STRETCH), plate.coded(OF_STRETCH)[10:20, 10:20])
     assert part.coded(OF_CURVATURE).shape == (10, 10, 3)
+
+
+def test_two_clicks_give_the_heights_of_the_program():
+    """Of a measurement that is cropped to its object: the same line, heights and band as `hagoromo profile`."""
+    pytest.importorskip("viser", reason="viser is not installed")
+    measurement = relief_measurement(Relief(seed=1), relief_camera(48), 1)
+    source = page_source(measurement, None, closely=True)
+    plate = MapsPlate(source.maps, measurement, source.look)
+    gui = MagicMock()
+    panel = HeightsPanel(SimpleNamespace(gui=gui), plate, lambda act, read: act)
+    clicks = [plate.probe(x, y, PlateLight()) for x, y in ((0.2, 0.3), (0.8, 0.7), (0.5, 0.5))]
+    panel.clicked(clicks[0])
+    assert panel.start is None and panel.found is None, "clicks are for the probe alone"
+    panel.switch(True)
+    panel.clicked(clicks[0])
+    assert panel.said.content == END and panel.found is None
+    panel.clicked(clicks[1])
+    places = [(one.column + 0.5 + source.maps.x, one.row + 0.5 + source.maps.y) for one in clicks[:2]]
+    known = profile(measurement, *places)
+    assert panel.found is not None and plain(known.sentence) in panel.said.content
+    np.testing.assert_array_equal(panel.found.height, known.height)
+    np.testing.assert_array_equal(panel.found.error, known.error)
+    data = gui.add_uplot.call_args.args[0]
+    for column, wanted in zip(data, (known.distance, known.height, *known.band_95), strict=True):
+        np.testing.assert_array_equal(column, wanted[known.known])
+    panel.clicked(clicks[2])
+    with pytest.raises(InputError, match="px long"):
+        panel.clicked(clicks[2])
+    assert panel.start is None, "the next click begins anew"
 
 
 @pytest.mark.parametrize("name", ["{globalThis.x = 1}", "<img src=x onerror=y>", "*a* _b_ `c` [d](e) $f$ \\g"])
