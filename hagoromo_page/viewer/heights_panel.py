@@ -12,7 +12,7 @@ from hagoromo_page.viewer.panel import value_set
 from hagoromo_page.viewer.probe import Probe, plain
 
 BEGIN, END = "Click where the line begins.", "Click where it ends."
-NAMES, INKS = ("distance", "height", "95 % from", "95 % to"), ("", "#ffb000", "#ffb00060", "#ffb00060")
+INKS = "", "#ffb000", "#ffb00060", "#ffb00060"
 
 
 class HeightsPanel:
@@ -58,7 +58,8 @@ class HeightsPanel:
         if self.plot is not None:
             self.plot.data = data
             return
-        series = tuple(uplot.Series(label=name, stroke=ink) for name, ink in zip(NAMES, INKS, strict=True))
+        names = f"distance [{found.unit}]", f"height [{found.unit}]", "95 % from", "95 % to"
+        series = tuple(uplot.Series(label=name, stroke=ink) for name, ink in zip(names, INKS, strict=True))
         band, scales = uplot.Band(series=(3, 2), fill="#ffb00030"), {"x": uplot.Scale(time=False)}
         with self.folder:
             self.plot = self.client.gui.add_uplot(data, series, scales=scales, bands=(band,), aspect=1.4)

@@ -179,3 +179,17 @@ def test_maps_are_written_with_their_scale(tmp_path):
         assert hg.read_png(tmp_path / "maps" / f"{name}.png").shape[1] % 32 == 0
     record = hg.read_json(tmp_path / "maps" / "maps.json")
     assert record["curvature"]["unit"] == "1/mm" and record["pixel_mm"] == pytest.approx(1.18, rel=0.02)
+
+
+def test_heights_beyond_a_step_that_normals_do_not_show_have_no_band():
+    """A flat surface, one half of which stands five pixels of depth lower, as shadows may show."""
+    camera, size = relief_camera(32), 32
+    normals = np.broadcast_to([0.0, 0.0, 1.0], (size, size, 3))
+    ray, every = camera.pixel_directions(), np.ones((size, size), bool)
+    depth = 0.4 * (1.0 + np.where(np.arange(size) < 20, 0.0, 5.0) / camera.focal[0])
+    points = camera.position - ray / ray[..., 2:] * depth[:, None]
+    own = np.full(every.shape, 1e-6)
+    seen = SeenSurface(camera, every, points, normals, None, None, own, own, None, True)
+    beside, over = hg.profile(seen, (16, 4), (16, 28)), hg.profile(seen, (4, 16), (28, 16))
+    assert np.isfinite(beside.error).all() and not any("step" in one for one in beside.remarks)
+    assert not np.isfinite(over.error[1:-1]).any() and any("step" in one for one in over.remarks)

@@ -17,12 +17,13 @@ from hagoromo.least_squares.loss import NORMAL_95
 from hagoromo.measurement.inspection.height_errors import LinePlaces, height_variance
 from hagoromo.measurement.inspection.seen_surface import SeenSurface, seen_surface
 from hagoromo.measurement.measurement import Measurement
+from hagoromo.measurement.surface.graph import graph
 
 Array = NDArray[np.float64]
 LEAST_LENGTH = 2.0  # px of a line
 ZERO = 1e-9  # of a unit: what rounding makes of 0
 NO_ERRORS = "the shape was given without errors: there is no band"
-PARTS = "the line crosses a gap: how high one side stands over the other is not known from normals, and has no band"
+PARTS = "the line crosses a gap or a step: normals do not say how high one side stands over the other: no band"
 MANY_LAMPS = "errors of light between parts of the object, and of shadows that were not seen, are not in the band"
 
 
@@ -174,10 +175,11 @@ def chord_axes(surface: SeenSurface, points: Array) -> tuple[Array, Array]:
 
 
 def _parts(surface: SeenSurface, image: Array) -> NDArray[np.intp]:
-    """(n,) number of the connected part of the surface that each place is on."""
-    from scipy.ndimage import label
-
-    numbers = np.asarray(label(surface.known)[0])  # type: ignore[index]
+    """(n,) number of the part of the surface that each place is on: of pixels that are joined without a step."""
+    net = graph(surface.normals, surface.camera, surface.known, surface.own_variance)
+    pose, numbers = surface.camera.world_to_camera, np.full(surface.known.shape, -1)
+    depth = surface.points[surface.known] @ pose[2, :3] + pose[2, 3]
+    numbers[surface.known] = net.stepped(np.log(depth)).parts
     height, width = surface.known.shape
     columns, rows = (np.clip(np.floor(image[:, k]).astype(int), 0, n - 1) for k, n in ((0, width), (1, height)))
     return numbers[rows, columns]

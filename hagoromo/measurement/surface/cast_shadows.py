@@ -111,7 +111,7 @@ def apart_variance(net: Graph) -> Array:
     """(P,) variance of ln depth of parts that only shadows join to the largest one: that of a step."""
     if net.open.all():
         return np.zeros(len(net.values))
-    part = _parts(net)
+    part = net.parts
     return np.where(part == np.bincount(part).argmax(), 0.0, net.step**2)
 
 
@@ -207,7 +207,7 @@ def _opened(net: Graph, values: Array, bounds: Bounds, rounds: int = LAST_ROUNDS
         stretch = net.stretch(values)
         part = np.where(np.abs(stretch) > 1.0, 0.0, 1.0 / (1.0 + stretch**2))
         values = _solved(net, part, weak, values, bounds, net.step**-2)
-    return _without_spikes(replace(net, values=values, open=np.where(np.abs(net.stretch(values)) > 1.0, 0.0, 1.0)))
+    return _without_spikes(net.stepped(values))
 
 
 def _without_spikes(net: Graph) -> Graph:
@@ -215,7 +215,7 @@ def _without_spikes(net: Graph) -> Graph:
 
     A pixel that sees both sides of a step belongs to neither, and would cast shadows of its own.
     """
-    part = _parts(net)
+    part = net.parts
     size, stretch, values = np.bincount(part), net.stretch(net.values), net.values.copy()
     ends = part[net.chords.pair]
     around = np.flatnonzero(ends[:, 0] != ends[:, 1])
@@ -227,15 +227,6 @@ def _without_spikes(net: Graph) -> Graph:
     shift = np.where(least > 0.0, least, np.where(most < 0.0, most, 0.0))
     shift = np.where((size < LEAST_PART) & np.isfinite(shift), shift, 0.0)
     return replace(net, values=values + net.step * shift[part])
-
-
-def _parts(net: Graph) -> NDArray[np.intp]:
-    """(P,) number of the part of each pixel that edges join."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    pair, size = net.chords.pair[net.open > 0.0], len(net.values)
-    return connected_components(coo_array((np.ones(len(pair)), pair.T), shape=(size, size)), directed=False)[1]
 
 
 def _solved(net: Graph, part: Array, weak: Array, values: Array, bounds: Bounds | None, weight: float) -> Array:

@@ -60,6 +60,19 @@ class Graph:
         index = np.tile(np.arange(len(pair)), 2), pair.T.ravel()
         return csr_array((sign, index), (len(pair), len(self.of_normals)))
 
+    @property
+    def parts(self) -> NDArray[np.intp]:
+        """(P,) number of the part of each pixel that edges join which are open to no step."""
+        from scipy.sparse import coo_array
+        from scipy.sparse.csgraph import connected_components
+
+        pair, size = self.chords.pair[self.open > 0.0], len(self.values)
+        return connected_components(coo_array((np.ones(len(pair)), pair.T), shape=(size, size)), directed=False)[1]
+
+    def stepped(self, values: Array) -> Graph:
+        """The graph with these values (P,), whose edges across their steps have no weight."""
+        return replace(self, values=values, open=np.where(np.abs(self.stretch(values)) > 1.0, 0.0, 1.0))
+
     def settled(
         self, level: Array, level_weight: Array, stiffness: Sequence[float] = (1.0,) * 3, far: float = np.inf
     ) -> Graph:
