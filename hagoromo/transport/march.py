@@ -318,4 +318,3 @@ def optical_depth(
         state = crossing.advance(step, state)
         state = crossing.enter_next_box(state)
     return depth
-

@@ -197,12 +197,14 @@ class Medium:
         """Projected area along `direction` of the elements at distances from the entry of the ray [m], within the cell
         of a step in a stored brick: means over the elements, 0…1.
         """
-        flakes, areas = self.flakes, []
+        return [self._area(self.sample(step, distance), direction) for distance in distances]
+
+    def _area(self, step: MarchInterval, direction: Array3f) -> Float:
+        """Projected area along `direction` of the elements at the place of a step: mean over them, 0…1."""
+        flakes = self.flakes
         assert flakes is not None
-        for distance in distances:
-            elements, _ = self._elements(self.sample(step, distance))
-            areas.append(sum(e.share * flakes.area(e.material, e.axis, direction) for e in elements))
-        return areas
+        elements, _ = self._elements(step)
+        return sum(e.share * flakes.area(e.material, e.axis, direction) for e in elements)
 
     def sample(self, step: MarchInterval, distance: Float) -> MarchInterval:
         """The step with its place at a distance from the entry of the ray [m], within its cell; in a texel as it is."""
@@ -287,16 +289,12 @@ class Medium:
                 (step,), textures.textured(step.ray.box),
                 self.texel_extinction, lambda step: (self.cell_extinction(step), arrays().Float(0)),
             )  # fmt: skip
-        if (flakes := self.flakes) is None:
+        if self.flakes is None:
             return sigma, free
-
-        def area(step: MarchInterval, direction: Array3f) -> Float:
-            elements, _ = self._elements(step)
-            return sum(e.share * flakes.area(e.material, e.axis, direction) for e in elements)
-
-        # an area is 1 at most
-        seen = dr.if_stmt((step, direction), sigma > least, area, lambda step, direction: arrays().Float(1))
-        return sigma * seen, free
+        area = dr.if_stmt(  # which is 1 at most
+            (step, direction), sigma > least, self._area, lambda step, direction: arrays().Float(1)
+        )
+        return sigma * area, free
 
     def cell_extinction(self, step: MarchInterval) -> Float:
         """τρ in a cell of eight voxels [1/m]."""
