@@ -74,6 +74,7 @@ def stills(
     resolution: float = 0.5,
     pixels: int = 1080,
     samples: int = SAMPLES,
+    seconds: float | None = None,
     only: tuple[str, ...] = ORDER[:3],
     modes: tuple[Mode, ...] = MODES,
     page_alone: bool = False,
@@ -87,6 +88,7 @@ def stills(
         resolution: of the boxes of figures, 1 being that of `make figures`.
         pixels: along the longer side.
         samples: rays a pixel, walks of mode path.
+        seconds: for how long mode path goes on, about; samples are then the least number of walks.
         only: names of those that are made: linen, hair, and figures such as figure_8_angel.
         modes: by which they are made.
         page_alone: make nothing but the page of what is there.
@@ -98,8 +100,8 @@ def stills(
             if not picture.with_suffix(".json").exists():
                 scene = scene_file(From(recipes, demo, resolution), out, name, pixels)
                 say_time(scene, picture, mode, samples)
-                record = made(scene, picture, mode, samples)
-                record |= {"name": name, "mode": mode, "samples": samples}
+                record = made(scene, picture, mode, samples, seconds)
+                record |= {"name": name, "mode": mode, "samples": samples, "seconds": seconds}
                 hg.write_json(picture.with_suffix(".json"), record)
     records = {path: hg.read_json(path) for path in sorted(out.glob("*_*.json"))}
     rows = [row | {"file": path.stem} for path, row in records.items() if "command" in row]
@@ -154,10 +156,11 @@ def say_time(scene: Path, picture: Path, mode: Mode, samples: int) -> None:
     print(f"{picture.stem}: {about} {longest / 60:.0f} min, by a trial of {trial['wall_s']:.0f} s", flush=True)
 
 
-def made(scene: Path, picture: Path, mode: Mode, samples: int) -> dict[str, Any]:
+def made(scene: Path, picture: Path, mode: Mode, samples: int, seconds: float | None = None) -> dict[str, Any]:
     """Make a still in a process of its own: its command, wall and CPU time [s], largest resident memory [MiB]."""
     words = ("render", scene.as_posix(), "--out", picture.as_posix(), "--mode", mode)
     words += () if mode == "full" else ("--samples", str(samples))
+    words += ("--time", f"{seconds:g}") if mode == "path" and seconds else ()
     words += ("--resume",) if mode == "path" and picture.exists() else ()
     start = time.monotonic()
     child = os.spawnv(os.P_NOWAIT, sys.executable, [sys.executable, "-m", "hagoromo", *words, "--force"])
@@ -227,7 +230,8 @@ def title_of(name: str) -> str:
 def stated(row: Mapping[str, Any]) -> str:
     """What a picture says of its own error."""
     if row["noise"] is not None:
-        return f"noise of a pixel {100 * row['noise']:.0f} %, {row['samples']} walks"
+        walks = f"{row['seconds']:g} s of walks" if row.get("seconds") else f"{row['samples']} walks"
+        return f"noise of a pixel {100 * row['noise']:.0f} %, {walks}"
     if row["off"] is not None:
         return f"mean and blocks at most {100 * row['off']:.1f} % off"
     return "the first order alone"

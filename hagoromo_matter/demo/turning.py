@@ -15,7 +15,7 @@ from hagoromo.files.png import read_png
 from hagoromo.files.whole import whole_file
 from hagoromo.image.film.film import film
 from hagoromo.progress import Progress, part_of
-from hagoromo_matter.demo.figure_scene import camera_of, cast_of, write_figure_scene
+from hagoromo_matter.demo.figure_scene import camera_of, cast_of, resized_scene, write_figure_scene
 from hagoromo_matter.demo.plates import FILM
 
 FIGURE = "figure_8_whole"
@@ -37,7 +37,8 @@ def write_turning(demo: Path, out: Path, docs: Path | None, progress: Progress, 
     if not scene.exists():
         boxes = part_of(progress, 0.0, BUILDING, "boxes")
         write_figure_scene(cast_of(demo), FIGURE, camera_of(pixels), scene.parent, SAMPLES, SECONDS, RATE, boxes)
-    made = film(scene, out / "turning.webm", progress=part_of(progress, BUILDING, 1.0 - BUILDING), force=True)
+    drawing = part_of(progress, BUILDING, 1.0 - BUILDING)
+    made = film(resized_scene(scene, pixels), out / "turning.webm", progress=drawing, force=True)
     if docs is None:
         return
     assert made.film is not None
