@@ -209,6 +209,9 @@ def page(rows: list[dict[str, Any]], out: Path) -> None:
             for row in own
         ]
         text += ["", "```sh", *(row["command"] for row in own), "```"]
+    made_ones = {(row["name"], row["mode"]) for row in rows}
+    missing = [f"{n} by {m}" for n in ORDER[:3] for m in MODES if (n, m) not in made_ones]
+    text += ["", f"Not made yet: {', '.join(missing)}."] if missing else []
     out.write_text("\n".join(text) + "\n", encoding="utf-8")
 
 
