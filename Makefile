@@ -92,9 +92,17 @@ $(PEERS): $(READY)
 	$(BIN)/python $(INSTALL) --require-hashes -r .venv/peers.txt
 	touch $@
 
-figures: $(READY) ## the figures of README and docs/figures.md, into out/figures (half an hour; 8 GiB)
+FIGURES := figure_6_drape figure_6_wing figure_7_skin figure_7_hair figure_8_angel figure_8_nun figure_8_whole
+
+figures: $(READY) ## figures of README and docs/figures.md, into out/figures (half an hour; 8 GiB); MODE=path, PIXELS=3840, WALKS=64, ONLY=figure_7_skin: as hung, into out/stills
+ifdef MODE
+	[ -f out/demo/results.json ] || $(BIN)/hagoromo demo --out out/demo --force
+	$(BIN)/python -m studies.stills examples/recipes --out out/stills --resolution 1 --modes $(MODE) \
+	  --only $(or $(ONLY),$(FIGURES)) --pixels $(or $(PIXELS),3840) --samples $(or $(WALKS),64)
+else
 	$(BIN)/hagoromo demo --out out/figures --size full --force
 	$(BIN)/python -m hagoromo_matter.demo.plates out/figures docs
+endif
 
 schemas: $(READY) ## the JSON Schemas of all files, into docs/schemas, from the records that read them
 	$(BIN)/hagoromo schema --out docs/schemas

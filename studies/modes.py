@@ -3,7 +3,8 @@
     python -m studies.modes out/demo examples/recipes --out out/modes
 
 Each scene leaves NAME.json and NAME.npz, and is left as it is where both are there: the command goes on where it was
-interrupted, `--only` makes some. The page modes.md and its pictures show the scenes that are there.
+interrupted, `--only` makes some. The pictures are of the scenes that are there; the page modes.md has their rows and,
+from modes_rows.json beside this file, those of the others. The rows of both are written to `out`/modes_rows.json.
 """
 
 from __future__ import annotations
@@ -25,6 +26,11 @@ from studies.orders import BLOCK, MODES, beside_path, images_of, in_blocks, row
 WALKS = 100  # a pixel of mode path
 CLOSE = 0.05  # root mean square over blocks, over the mean, within which a mode is right on the page
 PANELS = "march", "full", "path", "march − path", "full − path"
+ROWS = Path(__file__).with_name("modes_rows.json")  # of the page as it stands, by the names of scenes
+OF_ROW = (  # of a scene's figures, what the page has
+    "title", "size", "walks", "all_over_first", "march_off_path", "full_over_path", "full_off_path", "noise_of_blocks",
+    "noise_of_path", "seconds",
+)  # fmt: skip
 LARGEST_SHOWN = 0.2  # of white, at the ends of the colours
 WHITE_AT = 99.5  # per cent of path's values that are darker than white
 Linear = Mapping[str, NDArray[np.floating]]
@@ -104,18 +110,30 @@ def right_mode(record: Mapping[str, Any]) -> str:
     return next((mode for mode in ("march", "full") if record.get(f"{mode}_off_path", 1.0) < CLOSE), "path")
 
 
+def row_of(record: Mapping[str, Any]) -> dict[str, Any]:
+    """What the page has of a scene's figures."""
+    row = {key: record[key] for key in OF_ROW if key in record}
+    if "stated" in record:
+        row["stated"] = {"mended": {key: record["stated"]["mended"][key] for key in ("mean", "blocks")}}
+    return row
+
+
 def write_page(out: Path) -> dict[str, dict[str, Any]]:
-    """The page modes.md and the pictures modes/NAME.jpg of the scenes that are there; gives their figures."""
+    """Pictures modes/NAME.jpg of the scenes that are there; the page modes.md, with ROWS of the others; its rows."""
     (out / "modes").mkdir(exist_ok=True)
     records = {name: hg.read_json(out / f"{name}.json") for name in ORDER if (out / f"{name}.json").exists()}
     for name in records:
         with np.load(out / f"{name}.npz") as kept, hg.whole_file(out / "modes" / f"{name}.jpg", force=True) as path:
             plot(path, {mode: kept[mode] for mode in MODES if mode in kept})
-    rows = [record | {"name": name, "right": right_mode(record)} for name, record in records.items()]
+    before = hg.read_json(ROWS) if ROWS.exists() else {}
+    table = before | {name: row_of(record) for name, record in records.items()}
+    table = {name: table[name] for name in ORDER if name in table}
+    hg.write_json(out / "modes_rows.json", table)
+    rows = [row | {"name": name, "right": right_mode(row)} for name, row in table.items()]
     page = hg.page_text("modes.md.j2", "studies", rows=rows, scenes=len(ORDER), close=CLOSE, block=BLOCK)
     with hg.whole_file(out / "modes.md", force=True) as path:
         path.write_text(page, encoding="utf-8", newline="\n")
-    return records
+    return table
 
 
 def main(

@@ -150,16 +150,22 @@ STUDIES: dict[str, Study] = {
         _page("orders", "orders.png", "orders_colour.png"),
     ),
     "modes": Study(
-        "the gallery and figures 6 to 8 by all three modes: docs/modes.md; what is in out/modes stays as it is",
+        "the gallery and figures 6 to 8 by all three modes: docs/modes.md; out/modes stays, and rows of others",
         "an hour",
         (_module("modes", "out/demo", RECIPES, "--out", "out/modes"),),
-        (("out/modes/modes.md", "docs"), ("out/modes/modes/*.jpg", "docs/figures/modes")),
+        (
+            ("out/modes/modes.md", "docs"),
+            ("out/modes/modes/*.jpg", "docs/figures/modes"),
+            ("out/modes/modes_rows.json", "studies"),
+        ),
         needs_demo=True,
     ),
     "stills": Study(
-        "backlit linen and hair in 1080 px by each mode, with time, memory and command: out/stills/stills.md",
+        "backlit linen, hair and the angel in 1080 px by each mode, with time, memory and command: docs/stills.md",
         "an hour",
         (_module("stills", RECIPES, "--out", "out/stills"),),
+        (("out/stills/stills.md", "docs"), ("out/stills/stills/*.jpg", "docs/figures/stills")),
+        needs_demo=True,
     ),
     "full-error": Study(
         "what mode full is off, what it says of that, and its mend by walks: docs/full_error.md",

@@ -38,6 +38,11 @@ class Fineness(NamedTuple):
         """Width of an edge [mm]: two voxels let trilinear interpolation show a surface without steps."""
         return 2.0 * self.voxel_mm
 
+    @property
+    def deepest(self) -> float:
+        """Depth under the surface of a thick thing beyond which `core` leaves no matter [mm]."""
+        return CORE_TO * self.mean_free_path_mm + 2.0 * self.softness
+
     def finer(self, resolution: float) -> Fineness:
         """The same matter on voxels that are `resolution` times smaller."""
         return self._replace(voxel_mm=self.voxel_mm / resolution)
@@ -61,7 +66,7 @@ class Fineness(NamedTuple):
 
         steepest: the largest slope of `shape` (1 for a true distance).
         """
-        top, bottom = outside + self.softness, CORE_TO * self.mean_free_path_mm + 2.0 * self.softness
+        top, bottom = outside + self.softness, self.deepest
 
         def bound(point: Any) -> Any:
             distance = shape(point) * (1.0 / steepest)

@@ -52,7 +52,8 @@ def mapped_attenuation(
 ) -> Attenuation:
     """`Attenuation` by one deep shadow map a lamp; `resolution` texels a side (default: `fitting_resolution`).
 
-    In dense matter the first few voxels towards the lamp are marched, and the map is looked up behind them. Where the
+    In dense matter the first few voxels towards the lamp are marched, more where the map is coarser than they are, and
+    the map is looked up behind them: else the surface's own shadow shows the texels as bands. Where the
     rays of the map around that place differ, at edges of shadows and under light that grazes, all of the way is
     marched. `tolerance` (see `Settings`) says where.
     """
@@ -60,9 +61,9 @@ def mapped_attenuation(
     maps = ShadowMaps(medium, lamps, resolution or map_resolution(medium, tolerance))
     looser = finer**2 * (ROUGH_FIGURES[1] if medium.rough else 1.0)
     least, share = (dr.opaque(jit.Float, figure * looser) for figure in (LEAST_DIFFERENCE, DIFFERENCE_SHARE))
-    voxel = min(box.voxel_size for box in medium.boxes)
-    near = dr.opaque(jit.Float, MARCHED_VOXELS / math.sqrt(finer) * voxel)
-    dense = dr.opaque(jit.Float, DENSE * looser / voxel)
+    length = coarseness(medium, maps.side, tolerance) * min(box.voxel_size for box in medium.boxes)
+    near = dr.opaque(jit.Float, MARCHED_VOXELS / math.sqrt(finer) * length)
+    dense = dr.opaque(jit.Float, DENSE * looser / length)
 
     def transmittance(
         lamp: int, point: Array3f, to_lamp: Array3f, distance: Float, extinction: Float, texel_hit: TexelHit | None
@@ -106,6 +107,12 @@ def fitting_resolution(boxes: Sequence[VolumeBox], tolerance: float = DEFAULT_TO
     """
     finer = (DEFAULT_TOLERANCE / tolerance) ** 0.25
     return int(np.clip(64 * round(TEXELS_PER_VOXEL * finer * voxels_across(boxes) / 64), 128, MOST_TEXELS))
+
+
+def coarseness(medium: Medium, resolution: int, tolerance: float = DEFAULT_TOLERANCE) -> float:
+    """Width of a texel of maps of `resolution` over that which fits, at least 1: more where they would be too large."""
+    fitting = TEXELS_PER_VOXEL * (DEFAULT_TOLERANCE / tolerance) ** 0.25 * voxels_across(medium.boxes)
+    return max((ROUGH_FIGURES[0] if medium.rough else 1.0) * fitting / resolution, 1.0)
 
 
 def map_resolution(medium: Medium, tolerance: float = DEFAULT_TOLERANCE) -> int:

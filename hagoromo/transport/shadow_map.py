@@ -81,7 +81,7 @@ class ShadowMaps:
         require(4 * WORDS * len(lamps) * resolution**2, what)
         corners = np.concatenate([box.matter_corners() for box in medium.boxes])
         self.views = [view_from(lamp, corners) for lamp in lamps]
-        self.size = dr.opaque(jit.UInt, resolution)
+        self.side, self.size = resolution, dr.opaque(jit.UInt, resolution)
         self.words = dr.full(jit.UInt, UNUSED, len(lamps) * resolution**2 * WORDS)
         lane, each = dr.arange(jit.UInt, len(lamps) * resolution**2), self.size * self.size
         lamp, lane = lane // each, lane % each

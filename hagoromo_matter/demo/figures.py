@@ -91,9 +91,7 @@ class Cast:
 
     def scene(self, name: str, camera: Camera, progress: Progress) -> Scene:
         """The scene of one of PAPER_FIGURES."""
-        shot, boxes = PAPER_FIGURES[name], []
-        without = {*shot.without, *self.without}
-        wanted = [(who, part) for who in shot.figures for part in PART_MATERIALS[who] if part not in without]
+        shot, boxes, wanted = PAPER_FIGURES[name], [], self.parts(name)
         for number, (who, part) in enumerate(wanted):
             progress(number / len(wanted))
             box = self.box(who, part)
@@ -106,6 +104,11 @@ class Cast:
             camera = framed(camera, boxes, shot.towards, shot.filled)
         ground = background(extent, self.measured["dielectric"])
         return Scene(camera, studio_lamps(middle, extent), tuple(boxes), (ground,))
+
+    def parts(self, name: str) -> list[tuple[str, str]]:
+        """Each person and part that one of PAPER_FIGURES shows."""
+        without = {*PAPER_FIGURES[name].without, *self.without}
+        return [(who, part) for who in people(name) for part in PART_MATERIALS[who] if part not in without]
 
     def box(self, who: str, part: str) -> VolumeBox:
         """The volume box of a part of a figure, where it was built."""

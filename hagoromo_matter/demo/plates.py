@@ -16,7 +16,8 @@ PLATES_INTRODUCTION = """# Figures 6, 7 and 8 of the paper
 
 Made by `make figures` (`hagoromo demo --size full`): an angel and a nun, 270 mm high, all of volume boxes, with the
 reflectances that the demo measures from simulated photographs. Three white point lamps: a key high on the left, a weak
-fill, a rim from behind; the Canon EOS Kiss Digital with its 55 mm lens. Light is scattered once.
+fill, a rim from behind; the Canon EOS Kiss Digital with its 55 mm lens. Light is scattered once. With light of all
+orders and in other sizes, such as 4K: `make figures MODE=path PIXELS=3840`, see [Stills](stills.md).
 """
 
 

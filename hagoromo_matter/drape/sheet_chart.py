@@ -30,6 +30,7 @@ def sheet_chart(
     reach_mm: float,
     edge_mm: float = 0.8,
     period_mm: tuple[float, float] | None = None,
+    pitch_mm: tuple[float, float] | None = None,
 ) -> tuple[Callable[[Any], Chart], Callable[[Any], Any], Extent]:
     """Chart of the nearest of `sheets`, bound of the distance to them, and corners of all within `reach_mm` of them.
 
@@ -37,10 +38,12 @@ def sheet_chart(
     where the nearest sheet is cut, the nearest that is not is charted, close to that from presence ½ on, elsewhere
     from a voxel farther out. Bounds are at most reach_mm + FAR_MM.
     period_mm: of what repeats along u and v: the widths of tubes are taken for the nearest whole number of periods.
+    pitch_mm: of yarns along u and v, gaps between which are at its multiples: hems lie in the nearest gaps, so that no
+    yarn along a hem is cut.
     """
     if not (sheets and 0 < reach_mm < np.inf and 0 < edge_mm < np.inf):
         raise InputError(f"{len(sheets)} sheets, reach_mm {reach_mm:g}, edge_mm {edge_mm:g}: give all above 0")
-    dense = _Samples(sheets, period_mm or (0.0, 0.0))
+    dense = _Samples(sheets, period_mm or (0.0, 0.0), pitch_mm or (0.0, 0.0), 0.5 * edge_mm)
 
     def chart(point: Any) -> Chart:
         asked = np.array(point, np.float32).T
@@ -65,7 +68,9 @@ def sheet_chart(
 class _Samples:
     """Dense points of sheets with their tangents, by number."""
 
-    def __init__(self, sheets: Sequence[Sheet], period: tuple[float, float]) -> None:
+    def __init__(
+        self, sheets: Sequence[Sheet], period: tuple[float, float], pitch: tuple[float, float], half_edge: float
+    ) -> None:
         from scipy.spatial import KDTree
 
         require(300.0 * sum(sheet.u.size * _times(sheet) ** 2 for sheet in sheets), "the points of the sheets")
@@ -77,7 +82,8 @@ class _Samples:
             u, around = _snapped(sheet, period[0])
             aside = number * SHEET_OFFSET * (period[0] or 1.0)
             tables.append(_table(sheet, u, around))
-            hems = (coarse.v.min(), coarse.v.max()) + ((-np.inf, np.inf) if sheet.around else (u.min(), u.max()))
+            sides = (-np.inf, np.inf) if sheet.around else _in_gaps(u, pitch[0], half_edge)
+            hems = _in_gaps(coarse.v, pitch[1], half_edge) + sides
             shape.append((first, rows, columns, bool(sheet.around), *hems, aside))
             first += len(tables[-1])
         self.values = np.concatenate(tables).astype(np.float32)
@@ -185,6 +191,15 @@ def _snapped(sheet: Sheet, period: float) -> tuple[NDArray[np.floating], float]:
         return sheet.u, sheet.around
     around = max(round(sheet.around / period), 1) * period
     return sheet.u * (around / sheet.around), around
+
+
+def _in_gaps(along: NDArray, pitch: float, half_edge: float) -> tuple[float, float]:
+    """Ends of a sheet along u or v, moved so that presence ½, `half_edge` within, lies in the nearest gap of yarns."""
+    low, high = float(along.min()), float(along.max())
+    if not pitch:
+        return low, high
+    gaps = round((low + half_edge) / pitch) * pitch, round((high - half_edge) / pitch) * pitch
+    return gaps[0] - half_edge, gaps[1] + half_edge
 
 
 def _times(sheet: Sheet) -> int:

@@ -72,7 +72,7 @@ def garment_of(
     reach = max(abs(block.bottom), abs(block.top)) * 1e3 + CHART_MARGIN * chart_mm
     period = block.period[0] * 1e3, block.period[1] * 1e3
     sheets = [eased(sheet, NARROW * chart_mm) for sheet in draped(figure, resolution, seed)[name]]
-    chart, bound, extent = sheet_chart(sheets, reach, HEM * chart_mm, period)
+    chart, bound, extent = sheet_chart(sheets, reach, HEM * chart_mm, period, made.cloth.pitch)
     record = {"kind": "figure", "figure": figure, "part": name, "resolution": resolution, "seed": seed}
     return shell(
         lambda point: Chart(*chart(point)), bound, extent, chart_mm, block, PATH, (material,) * block.populations,

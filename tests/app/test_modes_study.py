@@ -18,6 +18,11 @@ def scene_of(name, sources):
     return hg.Scene(camera, (hg.Lamp(to_lamp=(0, -1, 0.5)),), (box,))
 
 
+@pytest.fixture(autouse=True)
+def no_rows_of_other_scenes(monkeypatch, tmp_path):
+    monkeypatch.setattr(modes, "ROWS", tmp_path / "kept.json")
+
+
 @pytest.mark.nightly
 def test_a_scene_is_kept_and_shown_on_the_page(monkeypatch, tmp_path):
     monkeypatch.setattr(modes, "scene_of", scene_of)
@@ -37,6 +42,25 @@ def test_full_may_be_left_out(monkeypatch, tmp_path):
     modes.main(*SOURCES[:2], tmp_path, only=("skin",), walks=16, without_full=True)
     page = (tmp_path / "modes.md").read_text(encoding="utf-8")
     assert "| – | – |" in page and "full" not in hg.read_json(tmp_path / "skin.json")["seconds"]
+
+
+def test_rows_of_scenes_that_are_not_there_stay_on_the_page(monkeypatch, tmp_path):
+    """Also after a second page, made with the rows that the first one left."""
+    kept = {
+        "figure_8_nun": modes.row_of(
+            hg.read_json(modes_scenes.Path(modes.__file__).with_name("modes_rows.json"))["figure_8_nun"]
+        )
+    }
+    hg.write_json(modes.ROWS, kept)
+    monkeypatch.setattr(modes, "scene_of", scene_of)
+    modes.main(*SOURCES[:2], tmp_path, only=("skin",), walks=16, without_full=True)
+    rows = hg.read_json(tmp_path / "modes_rows.json")
+    assert list(rows) == ["skin", "figure_8_nun"] and rows["figure_8_nun"] == kept["figure_8_nun"]
+    first = (tmp_path / "modes.md").read_text(encoding="utf-8")
+    assert "| Skin | 16 × 8 |" in first and "The whole nun" in first
+    (tmp_path / "modes_rows.json").rename(modes.ROWS)
+    modes.write_page(tmp_path)
+    assert (tmp_path / "modes.md").read_text(encoding="utf-8") == first
 
 
 @pytest.mark.parametrize(("march", "full", "right"), [(0.04, 0.01, "march"), (0.06, 0.04, "full"), (0.3, 0.2, "path")])

@@ -246,6 +246,21 @@ def test_a_flat_square_is_its_own_chart():
     assert np.array(place.presence) == pytest.approx(np.clip(hem / 0.5, 0.0, 1.0), abs=1e-3)
 
 
+def test_hems_lie_in_the_gaps_between_yarns():
+    """Presence ½ at the multiples of the pitch, along u and v, nearest to where it would be: half an edge in."""
+    s, pitch = np.linspace(0.0, 12.0, 13), (0.5, 0.53)
+    u, v = np.meshgrid(s, s)
+    square = Sheet(np.stack([u, v, np.full_like(u, 5.0)], axis=-1), u, v)
+    at = np.linspace(0.0, 12.0, 1201)
+    chart = sheet_chart([square], reach_mm=2.5, edge_mm=1.05, pitch_mm=pitch)[0]
+    for axis in (0, 1):
+        asked = np.full((len(at), 3), (6.0, 6.0, 5.0))
+        asked[:, axis] = at
+        there = at[np.array(chart(in_space(asked)).presence) >= 0.5]
+        for hem, usual in ((there[0], 0.525), (there[-1], 12.0 - 0.525)):
+            assert abs(hem / pitch[axis] - round(hem / pitch[axis])) < 0.03 and abs(hem - usual) <= 0.5 * pitch[axis]
+
+
 @pytest.mark.parametrize("patch_first", [True, False])
 def test_a_hem_cuts_no_hole_into_the_cloth_beneath(patch_first):
     """A patch 0.4 mm over a level cloth: on either side of its cut, one of both is charted, with its exact height."""
@@ -374,6 +389,17 @@ def test_figures_are_dressed_from_the_neck_to_the_ground(figure, names):
     assert points[:, 2].min() == pytest.approx(0.6, abs=0.2)
     assert 215.0 < points[:, 2].max() < 272.0
     assert np.abs(points[:, :2]).max() < 75.0
+
+
+@pytest.mark.slow  # half a minute
+def test_the_nuns_collar_reaches_under_her_coif():
+    """Up to 60° from the front its upper hem is above the lower hem of the coif: no neck shows between them."""
+    collar, coif = garments("nun", resolution=0.4, seed=1)["linen"]
+    upper, lower = collar.points[-1], coif.points[-1]
+    turn, below = (np.arctan2(hem[:, 0], 0.5 - hem[:, 1]) for hem in (upper, lower))
+    in_front = np.abs(below) < np.radians(60.0)
+    over = np.interp(below[in_front], np.sort(turn), upper[np.argsort(turn), 2]) - lower[in_front, 2]
+    assert over.min() > 0.0
 
 
 def kept(box: VolumeBox) -> tuple[np.ndarray, np.ndarray]:

@@ -12,6 +12,7 @@ from hagoromo.errors import InputError
 from hagoromo.files.table import read_table
 from hagoromo.image.render import render
 from hagoromo.image.scene import Scene
+from hagoromo.image.settings import Settings
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.matter.build import build
@@ -260,3 +261,37 @@ def test_the_colour_of_flushed_skin_goes_over_into_that_of_the_rest():
     assert np.abs(shares.sum(axis=1) - 1.0).max() < 2e-3 and shares.min() >= 0.0
     between = (shares[:, 1] > 0.2) & (shares[:, 1] < 0.8)
     assert between.mean() > 0.2  # of dithered materials, none
+
+
+def flat_skin(fineness: Fineness, granules: Granules, tilt: tuple[float, float, float]) -> VolumeBox:
+    """Skin of a plane through the origin, 8 × 6 × 8 mm around it."""
+    normal = np.array(tilt) / np.linalg.norm(tilt)
+
+    def distance(point):
+        return sum(float(n) * x for n, x in zip(normal, point, strict=True))
+
+    material = Reflectance(**FIGURES, body_colour=Spectrum.constant(0.5), element="sphere")
+    return skin_on(distance, ((-4.0, -3.0, -4.0), (4.0, 3.0, 4.0)), material, granules, fineness).box()
+
+
+SMOOTH = Granules(corneum_mm=9.0, scale_deg=0.0, primary_depth_mm=0.0, secondary_depth_mm=0.0, pores_per_cm2=0.0)
+
+
+def test_grazing_light_on_even_skin_shows_no_lattice():
+    """The light of an even plane of thick skin is even; trilinear density ripples: 1.2 % with an edge of two voxels."""
+    box = flat_skin(Fineness(0.12, 0.17), SMOOTH, (0.13, -1.0, 0.21))
+    eye = 0.2 * np.array((0.5, -1.0, 0.1)) / np.linalg.norm((0.5, -1.0, 0.1))
+    camera = Camera(96, 96, (7200.0, 7200.0), (48.0, 48.0)).look_at(eye, (0.0, 0.0, 0.0))
+    settings = Settings(samples=4, tolerance=0.01, shadows="march")
+    light = render(Scene(camera, (Lamp(to_lamp=(1.1, -0.6, 3.4)),), (box,)), settings).weights[..., 0]
+    down, across = np.indices(light.shape).reshape(2, -1) / 96.0
+    bent = np.polynomial.polynomial.polyvander2d(down, across, (2, 2))
+    even = (bent @ np.linalg.lstsq(bent, light.ravel(), rcond=None)[0]).reshape(light.shape)
+    assert light.min() > 0.0 and np.std(light / even - 1.0) < 0.007
+
+
+def test_skin_of_scales_as_deep_as_light_reaches_has_them_alone():
+    """One element and no materials of voxels: shadows are those of even matter."""
+    deep, thin = (flat_skin(Fineness(0.2, 0.17), SMOOTH._replace(corneum_mm=mm), FACING) for mm in (9.0, 0.3))
+    assert [m.element for m in deep.materials] == ["plane"] and deep.bricks.material is None
+    assert [m.element for m in thin.materials] == ["sphere", "plane"] and thin.bricks.material is not None
