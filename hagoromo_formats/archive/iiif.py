@@ -53,7 +53,9 @@ def write_tiles(name: str, pixels: NDArray[np.uint8], home: Path, address: str) 
 
     height, width = pixels.shape[:2]
     image, place = Image.fromarray(pixels[..., 0] if pixels.shape[2] == 1 else pixels), f"{address}/{quote(name)}"
-    factors = [2**k for k in range(max(max(width, height) - 1, 1).bit_length()) if TILE * 2**k < 2 * max(width, height)]
+    factors = [1]
+    while TILE * factors[-1] < max(width, height):  # until the picture is one tile
+        factors.append(2 * factors[-1])
     sizes = []
     for factor in factors:
         small = image if factor == 1 else image.resize(_reduced(width, height, factor), Image.Resampling.LANCZOS)
