@@ -1,7 +1,7 @@
 """Pictures: those of results as people look at them, each with its colour profile (ICC) and who made it (XMP).
 
-Enters: the pictures among archived files, and body colours and normals of a measurement. Leaves: PNG in sRGB, 8 bits,
-in a folder of the archive, see also `iiif`.
+Enters: the pictures among archived files, and the maps of a measurement. Leaves: PNG in sRGB, 8 bits, in a folder of
+the archive, see also `iiif`.
 """
 
 from __future__ import annotations
@@ -21,12 +21,13 @@ from hagoromo.files.png import write_png
 from hagoromo.image.any_picture import read_any_picture
 from hagoromo.image.shown import srgb_values
 from hagoromo.version import __version__
+from hagoromo_formats.archive.measured_maps import BODY, map_pictures
 from hagoromo_formats.archive.metadata import ArchivedObject, licence_address
 from hagoromo_formats.archive.profile import ArchiveProfile
 
 PICTURES = "pictures/"  # folder of the payload
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
-BODY, NORMALS = "body.exr", "normals.exr"  # of a measurement
+NORMALS = "normals.exr"  # of a measurement
 NO_PICTURES = re.compile(r"(labels|residual_\d+)\.png")  # numbers of materials, and what a fit leaves
 WHITE_AT = 99.5  # per cent of body colours that are darker than the white of their picture, at least
 RDF = "http://www.w3.org/1999/02/22-rdf-syntax-ns#"
@@ -44,24 +45,15 @@ def pictures_of(names: list[str], payload: Path) -> Iterator[tuple[str, NDArray[
     """
     taken: set[str] = set()
     for name in names:
-        path = payload / name
+        suffix = (payload / name).suffix
         try:
-            if path.name == NORMALS:
-                shown = _normals(path)
-            elif path.name == BODY:
-                shown = _body(path)
-            elif path.suffix.lower() in SUFFIXES and not NO_PICTURES.fullmatch(path.name):
-                picture = read_any_picture(path)
-                shown = picture.values if picture.displayed else srgb_values(picture.values)
-            else:
-                continue
+            for added, pixels in _in_file(payload / name):
+                called = name.removesuffix(suffix) + added
+                called = f"{called}_{suffix[1:]}" if called in taken else called  # of another file of that name
+                taken.add(called)
+                yield called, pixels
         except InputError:
             continue
-        if shown is not None:
-            called = name.removesuffix(path.suffix)
-            called = f"{called}_{path.suffix[1:]}" if called in taken else called  # of another file of that name
-            taken.add(called)
-            yield called, np.round(255.0 * np.clip(shown, 0.0, 1.0)).astype(np.uint8)
 
 
 def write_picture(path: Path, pixels: NDArray[np.uint8], xmp: str) -> None:
@@ -95,6 +87,26 @@ def xmp_packet(name: str, thing: ArchivedObject, profile: ArchiveProfile) -> str
     ElementTree.SubElement(about, _tag("xmp", "CreatorTool")).text = f"Hagoromo {__version__}"
     packet = ElementTree.tostring(root, encoding="unicode")
     return f'<?xpacket begin="\ufeff" id="{IDENTIFIER}"?>{packet}<?xpacket end="r"?>'
+
+
+def _in_file(path: Path) -> Iterator[tuple[str, NDArray[np.uint8]]]:
+    """The picture that a file is, and the maps in it, each with what is added to the name of the file."""
+    shown = _shown(path)
+    if shown is not None:
+        yield "", np.round(255.0 * np.clip(shown, 0.0, 1.0)).astype(np.uint8)
+    yield from ((f"_{added}", pixels) for added, pixels in map_pictures(path))
+
+
+def _shown(path: Path) -> NDArray[np.floating] | None:
+    """A picture (height, width, 1 or 3), 0…1 in sRGB; None of a file that is none."""
+    if path.name == NORMALS:
+        return _normals(path)
+    if path.name == BODY:
+        return _body(path)
+    if path.suffix.lower() in SUFFIXES and not NO_PICTURES.fullmatch(path.name):
+        picture = read_any_picture(path)
+        return picture.values if picture.displayed else srgb_values(picture.values)
+    return None
 
 
 def _tag(prefix: str, name: str) -> str:

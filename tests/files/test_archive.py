@@ -218,33 +218,6 @@ def test_pictures_have_their_profile_and_who_made_them(pictured):
     assert not (home / "bag" / "data" / "iiif").exists()
 
 
-def test_tiles_of_iiif_are_the_picture(pictured):
-    """As a viewer of level 0 reads them: by the sizes and scale factors of info.json alone."""
-    home, wide = pictured
-    _archived(home, iiif="https://museum.org/iiif/1/")
-    folder = home / "bag" / "data" / "iiif" / "measured" / "raking 1"
-    info = hg.read_json(folder / "info.json")
-    assert info["id"] == "https://museum.org/iiif/1/measured/raking%201"
-    assert (info["width"], info["height"]) == (1187, 1101)
-    tile = info["tiles"][0]["width"]
-    for factor in info["tiles"][0]["scaleFactors"]:
-        shown = np.zeros((-(-1101 // factor), -(-1187 // factor), 3))
-        for y in range(0, 1101, tile * factor):
-            for x in range(0, 1187, tile * factor):
-                w, h = min(tile * factor, 1187 - x), min(tile * factor, 1101 - y)
-                size = -(-w // factor), -(-h // factor)
-                region = "full" if (w, h) == (1187, 1101) else f"{x},{y},{w},{h}"
-                part = np.array(Image.open(folder / region / f"{size[0]},{size[1]}" / "0" / "default.jpg"))
-                assert part.shape[:2] == size[::-1]
-                shown[y // factor : y // factor + size[1], x // factor : x // factor + size[0]] = part
-        means = wide.astype(float)[: shown.shape[0] * factor, : shown.shape[1] * factor].mean((0, 1))
-        assert np.abs(shown.mean((0, 1)) - means).max() < 1.0
-        if factor == 1:
-            assert np.sqrt(np.mean((shown - wide) ** 2)) < 4.0  # JPEG
-    for size in info["sizes"]:
-        assert (folder / "full" / f"{size['width']},{size['height']}" / "0" / "default.jpg").is_file()
-
-
 def test_a_manifest_of_iiif_is_read_by_a_library(pictured):
     home, _ = pictured
     _archived(home, iiif="https://museum.org/iiif/1")
