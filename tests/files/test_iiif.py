@@ -11,6 +11,7 @@ from hagoromo.files.exr import write_exr
 from hagoromo.files.png import write_png
 from hagoromo.measurement.inspection.seen_surface import SeenSurface
 from hagoromo_formats.archive.measured_maps import height_over_plane, map_pictures
+from hagoromo_formats.archive.pictures import pictures_of
 from tests.inverse.simulated_relief import Relief, places, relief_camera, relief_measurement
 
 ADDRESS = "https://museum.org/iiif/1"
@@ -123,3 +124,12 @@ def test_unknown_pixels_of_a_map_are_grey_and_a_map_without_known_ones_is_none(t
     assert name == "normal_error" and pixels[0, 7].tolist() == [217, 217, 212] and pixels[1, 7].tolist() != [217] * 3
     write_exr(tmp_path / "variance.exr", {"normal": np.full_like(error, np.finfo(np.float32).max)})
     assert not list(map_pictures(tmp_path / "variance.exr"))
+
+
+@pytest.mark.parametrize("materials", [None, "[]", "{}"])
+def test_points_without_their_measurement_are_no_picture(data, tmp_path, materials):
+    for name in ("points.exr", "labels.png", "normals.exr"):
+        (tmp_path / name).write_bytes((data / "measured" / name).read_bytes())
+    if materials is not None:
+        (tmp_path / "materials.json").write_text(materials, encoding="utf-8")
+    assert not list(pictures_of(["points.exr"], tmp_path))
