@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 import drjit as dr
 
 from hagoromo.backend import Array3f, Bool, Float, UInt, arrays, clip
-from hagoromo.transport.crossing import Cone, Crossing, MarchInterval, selected
-from hagoromo.transport.intervals import boxes_at, depth_at, in_slot, nothing_open, opened, put
+from hagoromo.transport.crossing import Cone, Crossing, MarchInterval, MarchState, selected
+from hagoromo.transport.intervals import Interval, boxes_at, depth_at, in_slot, nothing_open, opened, put
 from hagoromo.transport.lighting import Lighting
 from hagoromo.transport.medium import Limit, Medium, share_at_depth
 from hagoromo.transport.sample import Element
@@ -142,22 +142,21 @@ def march(
     channels = [dr.zeros(jit.Float, count) for _ in range(lighting.channels)]
     intervals = [nothing_open(count) for _ in state.ends]
     samples = [no_sample(count, lighting) for _ in state.ends]
-    depth, deepest = dr.zeros(jit.Float, count), last_depth(medium)
-    step, going = medium.next(crossing, state), crossing.unfinished(state)
-    interval = in_slot(intervals, step.slot)
-    while going:
-        empty = going
-        while empty:  # every lane of a packet goes on to matter, so that all shade together
-            parts = limit(crossing, step, in_slot(samples, step.slot), boxes_at(crossing, state, step))
-            step = medium.extinction(step, direction, parts)
-            intervals = put(intervals, step.slot, opened(step, interval, depth))
-            state = crossing.enter_next_box(crossing.open(step, state, step.begin))
-            going = crossing.unfinished(state) & (depth < deepest)
-            step = medium.next(crossing, state)
-            interval = in_slot(intervals, step.slot)
-            depth = dr.select(going, depth_at(crossing, state, intervals, step), depth)
-            empty = going & (interval.depth <= medium.negligible)
-        if going & (interval.depth > medium.negligible):
+    depth = dr.zeros(jit.Float, count)
+    deepest = last_depth(medium)
+    # Dr.Jit does not differentiate loops within loops
+    together = not (medium.differentiable or dr.grad_enabled(origin, direction, lighting.materials.rows))
+    while crossing.unfinished(state) & (depth < deepest):
+        step = medium.next(crossing, state)
+        interval = in_slot(intervals, step.slot)
+        depth = depth_at(crossing, state, intervals, step)
+        if dr.hint(together, mode="scalar"):  # all lanes of a packet go on to matter, so that none waits for others
+            while (interval.depth <= medium.negligible) & crossing.unfinished(state) & (depth < deepest):
+                step, intervals, state = behind(medium, crossing, direction, state, intervals, samples, step, depth)
+                step = medium.next(crossing, state)
+                interval = in_slot(intervals, step.slot)
+                depth = depth_at(crossing, state, intervals, step)
+        if interval.depth > medium.negligible:
             sample = in_slot(samples, step.slot)
             total = dr.fmax(depth - interval.before, interval.depth)
             share = centroid(total)
@@ -179,8 +178,28 @@ def march(
             channels = accumulated(lighting, channels, complete.gains(rates), complete.light)
             channels = with_smooth(lighting, channels, complete.smooth_gain(), complete.smooth)
             samples = put(samples, step.slot, new)
+        step, intervals, state = behind(medium, crossing, direction, state, intervals, samples, step, depth)
     ended = depth >= deepest
     return finished(lighting, channels, samples, depth, ended), dr.select(ended, 0.0, dr.exp(-depth))
+
+
+def behind(
+    medium: Medium,
+    crossing: Crossing,
+    direction: Array3f,
+    state: MarchState,
+    intervals: list[Interval],
+    samples: list[LitSample],
+    step: MarchInterval,
+    depth: Float,
+) -> tuple[MarchInterval, list[Interval], MarchState]:
+    """The step with its extinction, and the intervals and the state with it as the open one of its slot; depth: the
+    optical depth in front of it.
+    """
+    parts = limit(crossing, step, in_slot(samples, step.slot), boxes_at(crossing, state, step))
+    step = medium.extinction(step, direction, parts)
+    intervals = put(intervals, step.slot, opened(step, in_slot(intervals, step.slot), depth))
+    return step, intervals, crossing.enter_next_box(crossing.open(step, state, step.begin))
 
 
 def last_depth(medium: Medium) -> Float:

@@ -52,7 +52,7 @@ PAPER_FIGURES = {
         {"angel": NO_OFFSET}, False, (0.25, -1.0, 0.1), seen=((92.0, 40.0, 232.0), 95.0), without=("feet", "hands"),
     ),
     "figure_7_skin": FigureView(
-        "Skin: granules, made of spheres; the nun's face.",
+        "Skin: scales, made of planes; the nun's face.",
         {"nun": NO_OFFSET}, True, (0.3, -1.0, 0.06), seen=((0.0, -10.0, 243.0), 66.0),
     ),
     "figure_7_hair": FigureView(

@@ -71,7 +71,7 @@ def test_the_cheapest_mode_that_is_close_enough_is_right(march, full, right):
 def test_every_scene_has_a_title_and_stands_in_the_order_once():
     names = {*modes_scenes.ITEMS, *figures.PAPER_FIGURES}
     assert set(modes_scenes.ORDER) == names and len(modes_scenes.ORDER) == len(names)
-    assert modes_scenes.title_of("figure_7_skin") == "Figure 7. Skin: granules, made of spheres"
+    assert modes_scenes.title_of("figure_7_skin") == "Figure 7. Skin: scales, made of planes"
     assert len({modes_scenes.title_of(name) for name in names}) == len(names)
 
 
