@@ -6,6 +6,8 @@ through strips of the picture. This file asks so little of the package that vers
 
     python benchmarks/rough_scenes.py --keep MATTER                      # voxels, for a version without such recipes
     PYTHONPATH=CHECKOUT python benchmarks/rough_scenes.py --matter MATTER [--scene skin]
+
+With --seconds there is no yardstick: for checkouts that take turns on one machine.
 """
 
 from __future__ import annotations
@@ -165,16 +167,21 @@ def from_voxels(name: str, folder: Path) -> hg.VolumeBox:
         )  # fmt: skip
 
 
-def measured(scene: Rough, settings: Sequence[hg.Settings], yardstick: Callable[[], Any], rounds: int) -> list[dict]:
-    """Of every setting: CPU time of a frame [s], the same over that of the yardstick between them, and error."""
+def measured(
+    scene: Rough, settings: Sequence[hg.Settings], yardstick: Callable[[], Any] | None, rounds: int
+) -> list[dict]:
+    """Of every setting: CPU time of a frame [s], the same over that of the yardstick between them, and error.
+
+    yardstick: None for none; times over it are NaN then.
+    """
     reference = scene.reference()
     errors = [scene.error(each, reference) for each in settings]
-    yardstick()
-    times, yards = [[] for _ in settings], []
+    times, yards = [[] for _ in settings], [float("nan")] if yardstick is None else []
     for number in range(rounds):
         lit = scene.scene(0.05 * (number + 1))
         for each, taken in zip(settings, times, strict=True):
-            yards.append(cpu_seconds(yardstick))
+            if yardstick is not None:
+                yards.append(cpu_seconds(yardstick))
             taken.append(cpu_seconds(lambda each=each, lit=lit: hg.render(lit, each)))
     yard = float(np.median(yards))
     return [
@@ -217,11 +224,13 @@ def main() -> None:
     parser.add_argument("--scene", action="append", choices=NAMES)
     parser.add_argument("--tolerances", type=float, nargs="+", default=[0.16, 0.08, 0.04, 0.02])
     parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--seconds", action="store_true")
     given = parser.parse_args()
     if given.keep:
         keep_voxels(given.keep)
         return
-    yardstick, settings = numba_yardstick(), [hg.Settings(tolerance=t) for t in given.tolerances]
+    yardstick = None if given.seconds else numba_yardstick()
+    settings = [hg.Settings(tolerance=t) for t in given.tolerances]
     for name in given.scene or NAMES:
         box = from_voxels(name, given.matter) if given.matter else built(name)
         for row in measured(rough(name, box), settings, yardstick, given.rounds):
