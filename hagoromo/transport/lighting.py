@@ -132,6 +132,11 @@ class Lighting:
         smooth = self.field or self.surface_light
         return self.materials.palette.channels + (smooth.channels if smooth else 0)
 
+    @property
+    def tracked(self) -> bool:
+        """Whether derivatives by its materials are asked for."""
+        return dr.grad_enabled(self.materials.rows)
+
     def with_voxel_colour(self, coefficients: list[Float], box: UInt, colour: Array4f) -> list[Float]:
         """Coefficients on the palette, with the body colour of the voxel where the box has one."""
         mixed = list(coefficients)

@@ -145,7 +145,7 @@ def march(
     depth = dr.zeros(jit.Float, count)
     deepest = last_depth(medium)
     # Dr.Jit does not differentiate loops within loops
-    together = not (medium.differentiable or dr.grad_enabled(origin, direction, lighting.materials.rows))
+    together = not (medium.differentiable or lighting.tracked or dr.grad_enabled(origin, direction))
     while crossing.unfinished(state) & (depth < deepest):
         step = medium.next(crossing, state)
         interval = in_slot(intervals, step.slot)

@@ -52,7 +52,7 @@ class MatterColours:
         jit = arrays()
         self.densest = dr.opaque(jit.Float, densest)
         self.layer, self.lamps, self.channels, self.voxel_bases = layer, (None,), 3, ()
-        self.field = self.surface_light = None
+        self.field, self.surface_light, self.tracked = None, None, False
         palette = SimpleNamespace(colours=range(3), channels=3)
         self.materials = SimpleNamespace(palette=palette, coefficients=lambda material: [])
         colours = [MATERIAL_COLOURS[k % len(MATERIAL_COLOURS)] for k in range(max(materials, 1))]
