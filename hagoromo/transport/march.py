@@ -152,7 +152,7 @@ def march(
         depth = depth_at(crossing, state, intervals, step)
         if dr.hint(together, mode="scalar"):  # all lanes of a packet go on to matter, so that none waits for others
             while (interval.depth <= medium.negligible) & crossing.unfinished(state) & (depth < deepest):
-                step, intervals, state = behind(medium, crossing, direction, state, intervals, samples, step, depth)
+                step, intervals, state = onward(medium, crossing, direction, state, intervals, samples, step, depth)
                 step = medium.next(crossing, state)
                 interval = in_slot(intervals, step.slot)
                 depth = depth_at(crossing, state, intervals, step)
@@ -178,12 +178,12 @@ def march(
             channels = accumulated(lighting, channels, complete.gains(rates), complete.light)
             channels = with_smooth(lighting, channels, complete.smooth_gain(), complete.smooth)
             samples = put(samples, step.slot, new)
-        step, intervals, state = behind(medium, crossing, direction, state, intervals, samples, step, depth)
+        step, intervals, state = onward(medium, crossing, direction, state, intervals, samples, step, depth)
     ended = depth >= deepest
     return finished(lighting, channels, samples, depth, ended), dr.select(ended, 0.0, dr.exp(-depth))
 
 
-def behind(
+def onward(
     medium: Medium,
     crossing: Crossing,
     direction: Array3f,
@@ -193,7 +193,7 @@ def behind(
     step: MarchInterval,
     depth: Float,
 ) -> tuple[MarchInterval, list[Interval], MarchState]:
-    """The step with its extinction, and the intervals and the state with it as the open one of its slot; depth: the
+    """One interval on: the step with its extinction, and intervals and state with it as the open one; depth: the
     optical depth in front of it.
     """
     parts = limit(crossing, step, in_slot(samples, step.slot), boxes_at(crossing, state, step))

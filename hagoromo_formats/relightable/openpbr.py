@@ -29,7 +29,7 @@ LARGEST_F0 = 0.99999
 EVEN = 2.0 / 3.0 - 28.0 / (15.0 * np.pi)  # of s/t under even light: mean of what roughness adds to Lambert's law
 
 
-class Pairs(NamedTuple):
+class EyeDirections(NamedTuple):
     """Directions to the eye for one to the lamp, over half vectors: cosines (N,), L·V, and solid angles [sr]."""
 
     lamp: float
@@ -51,13 +51,13 @@ class OpenPbr:
     specular_roughness: float
     specular_ior: float
 
-    def brdf(self, pairs: Pairs, albedo: Callable[[Array], Array]) -> Array:
+    def brdf(self, pairs: EyeDirections, albedo: Callable[[Array], Array]) -> Array:
         """f (N, 3) [1/sr]. albedo: of the interface, of the cosine to the eye."""
         gloss = self.interface(pairs)
         shared = 1.0 - albedo(pairs.eye)
         return gloss[:, None] * np.array(self.specular_color) + shared[:, None] * self._eon(pairs)
 
-    def interface(self, pairs: Pairs) -> Array:
+    def interface(self, pairs: EyeDirections) -> Array:
         """F D G₂ / (4 cosθ_i cosθ_r) (N,), without its colour."""
         alpha = self.specular_roughness**2
         tan2 = 1.0 / np.maximum(pairs.half, 1e-9) ** 2 - 1.0
@@ -80,7 +80,7 @@ class OpenPbr:
         root = np.sqrt(min(self.specular_weight * _normal_reflectance(self.specular_ior), LARGEST_F0))
         return float((1.0 + root) / (1.0 - root))
 
-    def _eon(self, pairs: Pairs) -> Array:
+    def _eon(self, pairs: EyeDirections) -> Array:
         r, colour = self.base_diffuse_roughness, np.array(self.base_color)
         a, mean = _single(r)
         s = 2.0 * pairs.deviation**2 - 1.0 - pairs.lamp * pairs.eye
@@ -126,7 +126,7 @@ def difference(material: MaterialEstimate, surface: OpenPbr) -> tuple[float, ...
     return tuple(found)
 
 
-def directions(angle: float) -> Pairs:
+def directions(angle: float) -> EyeDirections:
     """All directions to the eye, for a lamp at `angle` [rad] from the normal, even over half vectors in √θ and φ."""
     u, turn = (np.arange(POLAR) + 0.5) / POLAR, np.pi * (np.arange(ROUND) + 0.5) / ROUND
     polar = (0.5 * np.pi * u**2)[:, None]
@@ -139,7 +139,7 @@ def directions(angle: float) -> Pairs:
     patch = 2.0 * (np.pi / ROUND) * (np.sin(polar) * np.pi * u[:, None] / POLAR + 0.0 * turn).ravel()
     seen = (eye[:, 2] > 1e-4) & (deviation > 0.0)
     weight = 4.0 * deviation * patch
-    return Pairs(float(np.cos(angle)), eye[seen, 2], half[seen, 2], deviation[seen], weight[seen], eye[seen])
+    return EyeDirections(float(np.cos(angle)), eye[seen, 2], half[seen, 2], deviation[seen], weight[seen], eye[seen])
 
 
 def _fresnel(c: Array, n: float) -> Array:

@@ -1,9 +1,10 @@
 """Free flight: where light that travels through boxes collides, and how much of it passes.
 
-Collisions are drawn by delta tracking (Woodcock et al. 1965) with the majorant of each brick: a tentative one at the
-rate of the majorant, which is real in the share that the extinction is of it. Boxes that overlap are flown through one
-after the other: the nearest of their collisions is that of their sum. Transmittance is that by ratio tracking (Novák,
-Selle & Jarosz 2014). Neither has an error but noise; extinction is that of `Medium`, at places and not along steps.
+Collisions are drawn by delta tracking (Woodcock et al. 1965) with the majorant of each brick, or of parts of it: a
+tentative one at the rate of the majorant, which is real in the share that the extinction is of it. Boxes that overlap
+are flown through one after the other: the nearest of their collisions is that of their sum. Transmittance is that by
+ratio tracking (Novák, Selle & Jarosz 2014). Neither has an error but noise; extinction is that of `Medium`, at places
+and not along steps.
 """
 
 from __future__ import annotations
