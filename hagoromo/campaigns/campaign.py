@@ -21,6 +21,7 @@ from hagoromo.errors import InputError
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.measurement.measurement import Measurement
+from hagoromo.measurement.squares import square_means
 
 Array = NDArray[np.float64]
 LONGEST_PX = 1600  # of a side of the maps that are compared: larger ones are averaged over squares of pixels
@@ -73,7 +74,7 @@ class Campaign:
         step = -(-max(self.known.shape) // LONGEST_PX)
         if step == 1:
             return self
-        maps = {key: _averaged(one, step) for key, one in vars(self).items() if key in MAPS and one is not None}
+        maps = {key: square_means(one, step) for key, one in vars(self).items() if key in MAPS and one is not None}
         maps |= {key: one / step**2 for key, one in maps.items() if key.endswith("variance")}
         maps["normals"] = maps["normals"] / np.linalg.norm(maps["normals"], axis=2, keepdims=True)
         known = np.asarray(np.isfinite(maps["points"]).all(axis=2))
@@ -131,15 +132,6 @@ def campaign(measurement: Measurement, name: str) -> Campaign:
         gloss is not None and measurement.gloss is not None,
         _in_metres(measurement, taken.camera, taken.lamps),
     )
-
-
-def _averaged(maps: Array, step: int) -> Array:
-    """Means of (h, w[, k]) over squares of `step` pixels, NaN where one is; rows and columns that fill none are left
-    out.
-    """
-    height, width = (size // step * step for size in maps.shape[:2])
-    parts = maps[:height, :width].reshape(height // step, step, width // step, step, *maps.shape[2:])
-    return parts.mean(axis=(1, 3))
 
 
 def _in_metres(measurement: Measurement, camera: Camera, lamps: tuple[Lamp, ...]) -> bool:

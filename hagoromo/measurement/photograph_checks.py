@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.camera.response import camera_white
+from hagoromo.measurement.squares import square_means
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.exponent import FEWEST_LAMPS, Exponent, exponent_of
 from hagoromo.photograph.photograph import Photograph
@@ -178,8 +179,7 @@ def _marks(photograph: Photograph, k: int) -> NDArray[np.float64]:
     from scipy.ndimage import gaussian_filter, gaussian_laplace
 
     values = np.nan_to_num(photograph.values.astype(np.float64).mean(axis=2))
-    height, width = (n // k * k for n in values.shape)
-    grey = values[:height, :width].reshape(height // k, k, width // k, k).mean(axis=(1, 3))
+    grey = square_means(values, k)
     floor = FAINT_EDGE * max(float(np.quantile(grey, 0.99)), 1e-30)
     edges = gaussian_laplace(np.log(np.maximum(grey, 0.0) + floor), EDGE_SCALE_PX)
     marks = edges / (np.sqrt(gaussian_filter(edges**2, STRENGTH_SCALE_PX)) + FAINT_EDGE)

@@ -23,7 +23,7 @@ from scipy.ndimage import map_coordinates
 from hagoromo.measurement.inspection.footprint import unevenness
 from hagoromo.measurement.inspection.seen_surface import SeenSurface
 from hagoromo.measurement.nearest import nearest_known
-from hagoromo.measurement.surface.graph import GAUGE, Graph, graph
+from hagoromo.measurement.surface.graph import Graph, graph
 
 Array = NDArray[np.float64]
 MOST_PIXELS = 60_000  # around a line, whose errors are followed; more are averaged over squares
@@ -78,8 +78,7 @@ def distance_errors(surface: SeenSurface, draws: int, seed: int = 0) -> Array:
     assert surface.summed_variance is not None
     net = graph(surface.normals, surface.camera, surface.known, surface.own_variance)
     level = np.log(surface.away[surface.known])
-    gauge = np.full(len(level), GAUGE * net.typical)
-    net = net.settled(level, gauge)
+    net = net.settled(level, net.gauge)
     random, root = np.random.default_rng(seed), np.sqrt(0.5 * surface.summed_variance[surface.known])[:, None]
     changes = (net.chords.of_errors(root * random.standard_normal((len(root), 3))) for _ in range(draws))
     found = np.zeros((draws, *surface.known.shape))
@@ -103,8 +102,8 @@ def _own(surface: SeenSurface, places: LinePlaces) -> Array:
     near, corner, step = _around(surface, places.image)
     net = graph(near.normals, near.camera, near.known, near.own_variance)
     level = np.log(near.away[near.known])
-    net = net.settled(level, np.full(len(level), GAUGE * net.typical))
-    solve = net.solver(net.open, np.full(len(level), GAUGE * net.typical))
+    net = net.settled(level, net.gauge)
+    solve = net.solver(net.open, net.gauge)
     # normals turn less from pixel to pixel than from square to square
     weight, rule = net.weight * net.open, (net.chords.rule / step) ** 2
     assert near.summed_variance is not None
@@ -146,8 +145,7 @@ def _around(surface: SeenSurface, image: Array) -> tuple[SeenSurface, Array, int
 
 def _rows(net: Graph, at: Array, places: LinePlaces) -> Array:
     """(n, P) that make heights of ln distances of the pixels of the graph."""
-    index = np.full(net.chords.known.shape, -1)
-    index[net.chords.known] = np.arange(net.chords.known.sum())
+    index = net.chords.index
     nearest = nearest_known(net.chords.known)
     height, width = net.chords.known.shape
     rows = np.zeros((len(at), int(net.chords.known.sum())))

@@ -17,7 +17,6 @@ from hagoromo.least_squares.loss import NORMAL_95
 from hagoromo.measurement.inspection.height_errors import LinePlaces, height_variance
 from hagoromo.measurement.inspection.seen_surface import SeenSurface, seen_surface
 from hagoromo.measurement.measurement import Measurement
-from hagoromo.measurement.surface.graph import graph
 
 Array = NDArray[np.float64]
 LEAST_LENGTH = 2.0  # px of a line
@@ -175,14 +174,10 @@ def chord_axes(surface: SeenSurface, points: Array) -> tuple[Array, Array]:
 
 
 def _parts(surface: SeenSurface, image: Array) -> NDArray[np.intp]:
-    """(n,) number of the part of the surface that each place is on: of pixels that are joined without a step."""
-    net = graph(surface.normals, surface.camera, surface.known, surface.own_variance)
-    pose, numbers = surface.camera.world_to_camera, np.full(surface.known.shape, -1)
-    depth = surface.points[surface.known] @ pose[2, :3] + pose[2, 3]
-    numbers[surface.known] = net.stepped(np.log(depth)).parts
+    """(n,) number of the part of the surface that each place is on."""
     height, width = surface.known.shape
     columns, rows = (np.clip(np.floor(image[:, k]).astype(int), 0, n - 1) for k, n in ((0, width), (1, height)))
-    return numbers[rows, columns]
+    return surface.parts[rows, columns]
 
 
 def _loaded(measurement: Measurement | str | Path) -> Measurement:

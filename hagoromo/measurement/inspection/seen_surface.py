@@ -17,6 +17,8 @@ from hagoromo.measurement.measurement import Measurement
 from hagoromo.measurement.normals.pixel_errors import UNKNOWN_DIRECTION
 from hagoromo.measurement.photographed import Photographed
 from hagoromo.measurement.scale import has_scale
+from hagoromo.measurement.squares import square_means
+from hagoromo.measurement.surface.graph import graph
 
 Array = NDArray[np.float64]
 MAPS = ("known", "points", "normals", "body", "body_error", "own_variance", "summed_variance")
@@ -64,6 +66,15 @@ class SeenSurface:
         """`unit` of a metre."""
         return 1e3 if self.in_metres else 1.0 / self.pitch
 
+    @cached_property
+    def parts(self) -> NDArray[np.intp]:
+        """(h, w) number of the part of each pixel, which are joined without a step; −1 where unknown."""
+        net = graph(self.normals, self.camera, self.known, self.own_variance)
+        pose, numbers = self.camera.world_to_camera, np.full(self.known.shape, -1)
+        depth = self.points[self.known] @ pose[2, :3] + pose[2, 3]
+        numbers[self.known] = net.stepped(np.log(depth)).parts
+        return numbers
+
     def part(self, rows: slice, columns: slice) -> SeenSurface:
         """Only the pixels in `rows` and `columns`."""
         maps = {key: one[rows, columns] for key, one in self._maps().items()}
@@ -78,7 +89,7 @@ class SeenSurface:
         """Of means over squares of `step` pixels that are known throughout; those at the edge may be left out."""
         if step == 1:
             return self
-        maps = {key: _means(one.astype(np.float64), step) for key, one in self._maps().items()}
+        maps = {key: square_means(one.astype(np.float64), step) for key, one in self._maps().items()}
         known = np.asarray(maps.pop("known") > 1.0 - 1e-9)
         maps = {key: np.where(known if one.ndim == 2 else known[..., None], one, 0.0) for key, one in maps.items()}
         maps |= {key: one / step**2 for key, one in maps.items() if key.endswith("variance")}
@@ -86,7 +97,7 @@ class SeenSurface:
         camera = self.camera.resampled(known.shape[1], known.shape[0], (step, step))
         shared = self.shared
         if shared is not None:
-            parts = (np.stack([_means(one, step) for one in of]) for of in (shared.normals, shared.distance))
+            parts = (np.stack([square_means(one, step) for one in of]) for of in (shared.normals, shared.distance))
             shared = SharedErrors(*(one.astype(np.float32) for one in parts))
         return replace(self, camera=camera, known=known, shared=shared, **maps)
 
@@ -146,10 +157,3 @@ def seen_surface(measurement: Measurement, taken: Photographed | None = None) ->
         None if own is None else shared,
         has_scale(measurement, taken),
     ).sharpened()
-
-
-def _means(maps: NDArray, step: int) -> Array:
-    """Means of (h, w, …) over squares of `step` pixels; rows and columns that fill none are left out."""
-    height, width = (size // step * step for size in maps.shape[:2])
-    parts = maps[:height, :width].reshape(height // step, step, width // step, step, *maps.shape[2:])
-    return parts.mean(axis=(1, 3))

@@ -15,7 +15,6 @@ beyond a step (graduated non-convexity: Blake & Zisserman 1987).
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,8 +24,9 @@ from hagoromo.measurement.nearest import nearest_known
 from hagoromo.measurement.normals.normals import NormalMap
 from hagoromo.measurement.normals.photometric_model import predicted
 from hagoromo.measurement.normals.views import Array
+from hagoromo.measurement.squares import square_means
 from hagoromo.measurement.surface.chords import rays
-from hagoromo.measurement.surface.graph import ANCHORED, GAUGE, Graph, graph
+from hagoromo.measurement.surface.graph import ANCHORED, Graph, differences, graph
 from hagoromo.measurement.surface.horizon import height_over_horizon, strides
 
 FACING = 0.15  # cosine to the lamp from which a dark pixel is in a cast shadow
@@ -144,9 +144,7 @@ class Bounds:
 
 def _bounds(net: Graph, camera: Camera, shadows: CastShadows, seed: int = 0) -> Bounds:
     """Of MOST_BOUNDS lit pixels and as many dark ones, chosen at random."""
-    random, share, known = np.random.default_rng(seed), shadows.share, net.chords.known
-    index = np.full(known.shape, -1)
-    index[known] = np.arange(known.sum())
+    random, share, known, index = np.random.default_rng(seed), shadows.share, net.chords.known, net.chords.index
     with np.errstate(invalid="ignore"):
         sets = [np.stack(np.nonzero(one)) for one in (share > LIT, share < DARK)]
     sets = [one[:, random.permutation(one.shape[1])[:MOST_BOUNDS]] for one in sets]
@@ -231,16 +229,12 @@ def _without_spikes(net: Graph) -> Graph:
 
 def _solved(net: Graph, part: Array, weak: Array, values: Array, bounds: Bounds | None, weight: float) -> Array:
     """(P,) values by edges and by those bounds that `values` violate; far violations count less (Cauchy)."""
-    from scipy.sparse import csr_array
-
     if bounds is None:
         return np.asarray(net.solver(part, weak)(net.rhs(part) + weak * values))
     pair, bound, by = bounds.violated(values, 0.5 * net.step)
-    count = np.arange(len(pair))
     usual = max(float(np.median(by)), net.step) if len(by) else net.step
     each = weight / (1.0 + (by / usual) ** 2)
-    sign = np.concatenate([-np.ones(len(pair)), np.ones(len(pair))])
-    rows: Any = csr_array((sign, (np.tile(count, 2), pair.T.ravel())), (len(pair), len(values)))
+    rows = differences(pair, len(values))
     more = rows.T @ rows.multiply(each[:, None]).tocsr()
     return net.solver(part, weak, more)(net.rhs(part) + weak * values + rows.T @ (each * bound))
 
@@ -250,21 +244,21 @@ def _coarse(
 ) -> tuple[Graph, Camera, CastShadows]:
     """The graph of means over squares of `step` pixels, settled by normals alone; its camera and shadows."""
     known = net.chords.known
-    height, width = (size // step for size in known.shape)
-    squares = lambda one: one[: height * step, : width * step].reshape(height, step, width, step, -1).mean(axis=(1, 3))  # noqa: E731
-    whole = squares(known.astype(np.float64))[..., 0] > 0.5
-    mean = np.where(whole[..., None], squares(np.where(known[..., None], normals, 0.0).astype(np.float64)), 0.0)
+    whole = square_means(known.astype(np.float64), step) > 0.5
+    height, width = whole.shape
+    mean = square_means(np.where(known[..., None], normals, 0.0).astype(np.float64), step)
+    mean = np.where(whole[..., None], mean, 0.0)
     mean /= np.maximum(np.linalg.norm(mean, axis=2, keepdims=True), 1e-12)
     variance = np.zeros(known.shape)
     variance[known] = net.of_normals
     seen_by = camera.resampled(width, height, (float(step), float(step)))
-    small = graph(mean, seen_by, whole, squares(variance)[..., 0])
+    small = graph(mean, seen_by, whole, square_means(variance, step))
     seen = shadows.every(step)
     inside = (seen.rows < height) & (seen.columns < width)
     inside &= whole[np.minimum(seen.rows, height - 1), np.minimum(seen.columns, width - 1)]
     seen = CastShadows(seen.rows[inside], seen.columns[inside], seen.to_lamp[:, inside], seen.share[:, inside])
     level = np.full(int(whole.sum()), float(np.mean(net.values)))
-    return small.settled(level, np.full(len(level), GAUGE * small.typical)), seen_by, seen
+    return small.settled(level, small.gauge), seen_by, seen
 
 
 def _refined(net: Graph, coarse: Graph, step: int, bounds: Bounds) -> Graph:
@@ -278,6 +272,6 @@ def _refined(net: Graph, coarse: Graph, step: int, bounds: Bounds) -> Graph:
     level = map_coordinates(
         picture[nearest_known(coarse.chords.known)], (place + 0.5) / step - 0.5, order=1, mode="nearest"
     )
-    near = np.full(len(level), net.typical / (2.0 * step) ** 2)
+    near = np.full(len(level), net.membrane(step))
     values = replace(net, open=np.ones(len(net.weight))).settled(np.asarray(level), near, ANCHORED).values
     return _opened(net, values, bounds, FINE_ROUNDS)

@@ -13,6 +13,7 @@ as at an edge whose place between the pixels is not known, is BEND times their u
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +44,11 @@ class Chords:
     slope: Array
     rule: Array
 
+    @cached_property
+    def index(self) -> NDArray[np.intp]:
+        """(h, w) numbers of the known pixels, −1 of others."""
+        return numbered(self.known)
+
     def of_errors(self, errors: Array) -> Array:
         """(E,) changes by changes of the normals (P, 3), camera axes."""
         return np.einsum("ei,ei->e", self.slope, errors[self.pair[:, 0]] + errors[self.pair[:, 1]])
@@ -66,11 +72,17 @@ def chords(
     """The chords between `known` neighbours with `normals` (h, w, 3), world axes, of this `variance` (h, w) [rad²]."""
     turned = np.where(known[..., None], normals, 0.0).astype(np.float64) @ camera.world_to_camera[:3, :3].T
     of_angle = normal_variance(known, variance)
-    index = np.full(known.shape, -1)
-    index[known] = np.arange(known.sum())
+    index = numbered(known)
     parts = [_along(axis, turned, camera, known, index, of_angle) for axis in (0, 1)]
     pair, wanted, slope, rule = (np.concatenate(part) for part in zip(*parts, strict=True))
     return Chords(known, pair, wanted, slope, rule)
+
+
+def numbered(known: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """(h, w) numbers of the known pixels, in the order of rows, −1 of others."""
+    index = np.full(known.shape, -1)
+    index[known] = np.arange(known.sum())
+    return index
 
 
 def normal_variance(known: NDArray[np.bool_], variance: NDArray[np.floating] | None) -> Array:

@@ -21,7 +21,7 @@ from hagoromo.measurement.normals.shading import tangents
 from hagoromo.measurement.normals.views import Array
 from hagoromo.measurement.surface.cast_shadows import CastShadows, apart_variance, separated
 from hagoromo.measurement.surface.chords import chords
-from hagoromo.measurement.surface.graph import ANCHORED, FAR, GAUGE, SOFT, Graph, graph, with_steps
+from hagoromo.measurement.surface.graph import ANCHORED, FAR, SOFT, Graph, graph, with_steps
 
 ROUNDS = 3  # of separating neighbours where the estimated depth has a step
 DRAWS = 12  # simulated errors of the surface, from which its variance is estimated
@@ -132,7 +132,7 @@ def _solved(
     shadows: CastShadows | None,
 ) -> tuple[Graph, Array]:
     """The graph with its values, and the weight (P,) of their levels."""
-    level, weight = np.full(len(net.values), np.log(distance)), np.full(len(net.values), GAUGE * net.typical)
+    level, weight = np.full(len(net.values), np.log(distance)), net.gauge
     if estimate is not None:
         level, weight = _combined(estimate, net.chords.known, level, weight)
         return with_steps(net, level, weight, ROUNDS).settled(level, weight, SOFT, FAR), weight
@@ -162,8 +162,7 @@ def anchored_surface(
     known = np.asarray(np.linalg.norm(normals, axis=2) > 0.5)
     net = graph(normals, camera, known, variance)
     level, sure = log_depth[known], np.isfinite(log_depth[known])
-    # a membrane of stiffness w follows its levels over a length √(w/h) pixels
-    weight = np.where(sure, net.typical / (2.0 * factor) ** 2, GAUGE * net.typical)
+    weight = np.where(sure, net.membrane(factor), net.gauge)
     level = np.where(sure, level, level[sure].mean())
     return net.settled(level, weight, ANCHORED).points(camera)
 

@@ -50,15 +50,22 @@ class Graph:
         """Median weight of an edge."""
         return float(np.median(self.weight)) if len(self.weight) else 1.0
 
+    @property
+    def gauge(self) -> Array:
+        """(P,) weak weights of levels, by which every connected part has a mean."""
+        return np.full(len(self.values), GAUGE * self.typical)
+
+    def membrane(self, factor: float) -> float:
+        """Weight of levels on pixels `factor` times as wide.
+
+        A membrane of stiffness w follows levels of weight h over a length √(w/h) pixels: here two wide ones.
+        """
+        return self.typical / (2.0 * factor) ** 2
+
     @cached_property
     def difference(self) -> Any:
         """Sparse (E, P): u_j − u_i."""
-        from scipy.sparse import csr_array
-
-        pair = self.chords.pair
-        sign = np.concatenate([-np.ones(len(pair)), np.ones(len(pair))])
-        index = np.tile(np.arange(len(pair)), 2), pair.T.ravel()
-        return csr_array((sign, index), (len(pair), len(self.of_normals)))
+        return differences(self.chords.pair, len(self.values))
 
     @property
     def parts(self) -> NDArray[np.intp]:
@@ -96,8 +103,7 @@ class Graph:
         A normal is part of all chords of its pixel, so that their errors are not independent.
         """
         random = np.random.default_rng(seed)
-        gauge = level_weight + GAUGE * self.typical
-        solve, weight = self.solver(self.open, gauge), self.weight * self.open
+        solve, weight = self.solver(self.open, level_weight + self.gauge), self.weight * self.open
         variance = np.zeros(len(level_weight))
         for _ in range(draws):
             error = self.chords.of_errors(of_normals(random)) + self.chords.rule * random.normal(size=len(weight))
@@ -108,7 +114,7 @@ class Graph:
 
     def responses(self, changes: Iterable[Array], level_weight: Array) -> Array:
         """(m, P) changes of the values by `changes` (E,) of the chords, each; without levels, about their mean."""
-        solve, found = self.solver(self.open, level_weight + GAUGE * self.typical), []
+        solve, found = self.solver(self.open, level_weight + self.gauge), []
         weight = self.weight * self.open
         for change in changes:
             values = solve(self.difference.T @ (weight * change))
@@ -143,6 +149,15 @@ class Graph:
         matrix = self.difference.T @ weighed + diags_array(level_weight)
         matrix = (matrix if more is None else matrix + more).tocsc()
         return splu(matrix, permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}).solve
+
+
+def differences(pair: NDArray[np.intp], count: int) -> Any:
+    """Sparse (N, count): u_j − u_i of each pair (N, 2) of numbers i, j of `count` values."""
+    from scipy.sparse import csr_array
+
+    sign = np.concatenate([-np.ones(len(pair)), np.ones(len(pair))])
+    index = np.tile(np.arange(len(pair)), 2), pair.T.ravel()
+    return csr_array((sign, index), (len(pair), count))
 
 
 def graph(
