@@ -201,7 +201,8 @@ def page(rows: list[dict[str, Any]], out: Path) -> None:
         own = [row for row in rows if row["name"] == name]
         text += ["", f"## {title_of(name)} {{ #{name} }}", ""]
         text += [f"| {' | '.join(named(row) for row in own)} |", f"|{' --- |' * len(own)}"]
-        text += [f"| {' | '.join(f'![{named(row)}](figures/stills/{file_of(row)}.jpg)' for row in own)} |", ""]
+        shown = [f"![{named(row)}](figures/stills/{row['file']}.jpg)" for row in own]
+        text += [f"| {' | '.join(shown)} |", ""]
         text += ["| mode | CPU time [s] | wall time [s] | peak of memory [MiB] | stated error |"]
         text += ["| --- | ---: | ---: | ---: | --- |"]
         text += [
@@ -213,11 +214,6 @@ def page(rows: list[dict[str, Any]], out: Path) -> None:
     missing = [f"{n} by {m}" for n in ORDER[:3] for m in MODES if (n, m) not in made_ones]
     text += ["", f"Not made yet: {', '.join(missing)}."] if missing else []
     out.write_text("\n".join(text) + "\n", encoding="utf-8")
-
-
-def file_of(row: Mapping[str, Any]) -> str:
-    """Name of the preview of a still."""
-    return row["file"]
 
 
 def named(row: Mapping[str, Any]) -> str:
