@@ -66,14 +66,11 @@ class CastShadows:
 
     def misfit(self, points: Array, camera: Camera) -> float:
         """Σ (predicted share − share)² over pixels, mean over the lamps, of shadows that `points` (h, w, 3) cast."""
-        total = 0.0
-        for to_lamp, share in zip(self.to_lamp, self.share, strict=True):
-            seen = np.isfinite(share)
-            pixels = self.rows[seen], self.columns[seen]
-            height = height_over_horizon(points, camera, pixels, to_lamp[seen])
-            arriving = np.clip(0.5 + 0.5 * height / HALF_LIGHT, 0.0, 1.0)
-            total += float(np.sum((arriving - share[seen]) ** 2))
-        return total / max(len(self.share), 1)
+        lamp, pixel = np.nonzero(np.isfinite(self.share))
+        places = self.rows[pixel], self.columns[pixel]
+        height = height_over_horizon(points, camera, places, self.to_lamp[lamp, pixel])
+        arriving = np.clip(0.5 + 0.5 * height / HALF_LIGHT, 0.0, 1.0)
+        return float(np.sum((arriving - self.share[lamp, pixel]) ** 2)) / max(len(self.share), 1)
 
 
 def cast_shadows(normal_map: NormalMap, trusted: NDArray[np.bool_]) -> CastShadows:
