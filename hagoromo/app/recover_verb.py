@@ -59,8 +59,8 @@ def recover(
             the one that predicts best.
         refine: what is estimated beside the object, a list such as cameras,lamps: turn: one small turn of all cameras
             together, as of a principal point that is some pixels wrong; cameras: a small turn and shift of each;
-            lamps: a factor on the strength of each; exposure: a factor on each photograph. none: nothing. auto: a
-            turn, where no lamps are known, if it predicts better.
+            lamps: a factor on the strength of each; exposure: a factor on each photograph; places: a shift of each
+            lamp. none: nothing. auto: a turn, where no lamps are known, if it predicts better.
         resume: go on from BOX.checkpoint.npz, with the same capture and options. The result has the same bits.
     """
     if out.suffix != ".zarr":

@@ -5,7 +5,7 @@ from typing import Literal, get_args
 from hagoromo.errors import InputError
 
 Light = Literal["auto", "even", "object", "camera"]  # what unknown light is fixed to
-Part = Literal["turn", "cameras", "lamps", "exposure"]  # what can be refined beside the object
+Part = Literal["turn", "cameras", "lamps", "exposure", "places"]  # what can be refined beside the object
 PARTS: tuple[Part, ...] = get_args(Part)
 AUTO, NONE = "auto", "none"
 

@@ -34,6 +34,7 @@ SILHOUETTE = 100.0  # of a pixel's opacity, likewise
 GLOSS_EVERY, LIGHT_EVERY, STRENGTHS_EVERY = 8, 2, 4  # steps after which gloss, unknown light and strengths are fitted
 GLOSS_DRAW = 4  # times as many pixels as a step: several must show each place, as its colour is taken out of them
 CAMERAS_EVERY, TURN_SHARE = 5, 4  # steps after which cameras move; one turn of all by every how many drawn chunks
+PLACES_EVERY = 6  # steps after which lamps move
 
 
 class Adam:
@@ -78,6 +79,8 @@ class Descent:
         self.rendering = Rendering(field, SurfaceShading(lamps, gloss, look.unknown), 1.0, shadows, look.strengths)
         if look.cameras is not None:
             look.cameras.apply(pixels)
+        if look.places is not None:
+            look.places.apply(lamps)
         self.random = np.random.default_rng(seed)
         self.choose()
 
@@ -148,6 +151,8 @@ class Descent:
             strengths.step(self.pixels, drawn, light, fall)
         if cameras is not None and k % CAMERAS_EVERY == CAMERAS_EVERY - 1:
             cameras.step(self.rendering, self.pixels, picked[:: 1 if cameras.each else TURN_SHARE], fall)
+        if self.look.places is not None and k % PLACES_EVERY == PLACES_EVERY - 1:
+            self.look.places.step(self.rendering, self.pixels, picked, fall)
 
     def _pick(self, chunks: int, total: int) -> NDArray[np.int64]:
         """Some chunks of pixels, drawn with equal chances, in order."""

@@ -27,12 +27,26 @@ class LampTable:
 
     def __init__(self, photographs: Sequence[Photograph], lattice: Lattice) -> None:
         self.each = max((len(photograph.lamps) for photograph in photographs), default=0)
-        rows = np.zeros((len(photographs), self.each, WIDTH))
+        self.stated = np.zeros((len(photographs), self.each, WIDTH))
         for number, photograph in enumerate(photographs):
             for k, lamp in enumerate(photograph.lamps):
-                rows[number, k] = _row(lamp, photograph, lattice)
-        self.rows = lookup(arrays().Float, rows.astype(np.float32).ravel())
+                self.stated[number, k] = _row(lamp, photograph, lattice)
+        self.lattice = lattice
         self.voxel = dr.opaque(arrays().Float, lattice.voxel)
+        self.move(np.zeros((len(photographs), self.each, 3)))
+
+    @property
+    def away(self) -> Array:
+        """(photographs, each) distance of lamps from the middle of the lattice [m]; 1 of far ones."""
+        places = self.lattice.to_world(self.stated[..., :3])
+        distance = np.linalg.norm(places - self.lattice.middle, axis=2)
+        return np.where(self.stated[..., 3] > 0.0, distance, 1.0)
+
+    def move(self, shifts: Array) -> None:
+        """Shift lamps (photographs, each, 3) from where they are stated: near ones [m], the direction of far ones."""
+        rows = self.stated.copy()
+        rows[..., :3] += np.where(rows[..., 3:4] > 0.0, shifts / self.lattice.voxel, shifts)
+        self.rows = lookup(arrays().Float, rows.astype(np.float32).ravel())
 
     def arriving(self, photograph: UInt, lamp: int, place: Array3f) -> tuple[Array3f, Float, list[Float]]:
         """Unit direction to a lamp, the distance [voxel], and its irradiance in each channel on what faces it."""

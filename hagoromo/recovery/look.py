@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.recovery.camera_changes import CameraChanges
 from hagoromo.recovery.choices import PARTS, Part
+from hagoromo.recovery.lamp_places import LampPlaces
 from hagoromo.recovery.object_view import ObjectView
 from hagoromo.recovery.strengths import Strengths
 from hagoromo.recovery.unknown_light import Frame, UnknownLight
@@ -18,18 +19,20 @@ from hagoromo.recovery.unknown_light import Frame, UnknownLight
 
 @dataclass(frozen=True, eq=False)
 class Look:
-    """unknown: light that depends on the normal. cameras, strengths: how they differ from what is stated. tried: PSNR
-    [dB] of each kind of light that was tried. None: not estimated.
+    """unknown: light that depends on the normal. cameras, strengths, places (of lamps): how they differ from what is
+    stated. tried: PSNR [dB] of each kind of light that was tried. None: not estimated.
     """
 
     unknown: UnknownLight | None = None
     cameras: CameraChanges | None = None
     strengths: Strengths | None = None
+    places: LampPlaces | None = None
     tried: Mapping[str, float] = field(default_factory=dict)
 
     def of(self, photograph: Photograph) -> Photograph:
         """A photograph with the camera and the lamps that were found."""
         changed = photograph if self.strengths is None else self.strengths.of(photograph)
+        changed = changed if self.places is None else self.places.of(changed)
         return changed if self.cameras is None else self.cameras.of(changed)
 
 
@@ -37,7 +40,7 @@ class Look:
 class FoundLook:
     """A look as plain data. parts: what is refined. frame, coefficients: of unknown light that depends on the normal.
 
-    cameras, strengths: by name, as `CameraChanges` and `Strengths` give them.
+    cameras, strengths, places: by name, as `CameraChanges`, `Strengths` and `LampPlaces` give them.
     """
 
     parts: tuple[Part, ...] = ()
@@ -45,6 +48,7 @@ class FoundLook:
     coefficients: NDArray[np.float64] | None = None
     cameras: dict[str, NDArray[np.float64]] = field(default_factory=dict)
     strengths: dict[str, float] = field(default_factory=dict)
+    places: dict[str, NDArray[np.float64]] = field(default_factory=dict)
     tried: dict[str, float] = field(default_factory=dict)
 
     def of_views(self, views: Sequence[ObjectView]) -> Look:
@@ -55,17 +59,19 @@ class FoundLook:
         cameras = CameraChanges(photographs, "cameras" in parts, self.cameras) if moved else None
         lamps, exposure = "lamps" in parts, "exposure" in parts
         strengths = Strengths(photographs, lamps, exposure, self.strengths) if lamps or exposure else None
-        return Look(light, cameras, strengths, self.tried)
+        places = LampPlaces(photographs, self.places) if "places" in parts else None
+        return Look(light, cameras, strengths, places, self.tried)
 
     @staticmethod
     def of(look: Look) -> FoundLook:
         """That of a look."""
-        light, cameras, strengths = look.unknown, look.cameras, look.strengths
+        light, cameras, strengths, places = look.unknown, look.cameras, look.strengths, look.places
         refined = {
             "turn": cameras is not None and not cameras.each,
             "cameras": cameras is not None and cameras.each,
             "lamps": strengths is not None and strengths.lamps,
             "exposure": strengths is not None and strengths.exposure,
+            "places": places is not None,
         }
         return FoundLook(
             tuple(part for part in PARTS if refined[part]),
@@ -73,5 +79,6 @@ class FoundLook:
             None if light is None else light.coefficients,
             {} if cameras is None else cameras.changes,
             {} if strengths is None else strengths.logarithms,
+            {} if places is None else places.shifts,
             dict(look.tried),
         )

@@ -44,8 +44,8 @@ class RecoverySettings:
     light: what light is fixed to where no lamp is known; "even": to the object, without dependence on the normal;
     "auto": the one of the three that predicts best. refine: what is estimated beside the object, a list of "turn" (one
     small turn of all cameras), "cameras" (of each, a turn and a shift), "lamps" and "exposure" (a factor on the light
-    of each lamp, and of each photograph), such as "cameras,lamps"; "none"; "auto": a turn, where no lamp is known, if
-    it predicts better.
+    of each lamp, and of each photograph), "places" (a shift of each lamp), such as "cameras,lamps"; "none"; "auto": a
+    turn, where no lamp is known, if it predicts better.
     """
 
     side: int = 128
@@ -187,8 +187,8 @@ def _changed(views: Views, look: Look) -> Views:
 
 
 def _check_lamps_of(refine: str, lit: bool) -> None:
-    if not lit and {"lamps", "exposure"} & set(parts_of(refine)):
+    if not lit and {"lamps", "exposure", "places"} & set(parts_of(refine)):
         raise InputError(
-            f"refine is {refine!r}, but no photograph has a lamp whose strength could be refined: give lamps, or "
+            f"refine is {refine!r}, but no photograph has a lamp that could be refined: give lamps, or "
             f"refine {NONE}, turn or cameras"
         )

@@ -162,6 +162,7 @@ class Recovered:
             "lights_tried_db": dict(look.tried),
             "cameras": "as stated" if look.cameras is None else str(look.cameras),
             "strengths": "as stated" if look.strengths is None else str(look.strengths),
+            "lamp_places": "as stated" if look.places is None else str(look.places),
             "silhouettes": "masks" if self.stated else "what is brighter than a dark background",
             "nodes": list(self.lattice.shape[::-1]),
             "voxel_m": self.lattice.voxel,

@@ -89,19 +89,15 @@ class Strengths:
         rest = [value - seen for value, seen in zip(drawn.values, light.channels, strict=True)]
         weight = np.array(robust(drawn, rest, pixels.limit), np.float64)
         count = len(self.values)
-        copies = pixels.count / len(weight) / CORRELATED
-        matrix, side = np.eye(count) / PRIOR**2, -self.values / PRIOR**2
         number = self.number[:, np.array(drawn.photograph)]  # (2, pixels, each)
-        lane = np.arange(len(weight))
+        by_channel = []
         for c in range(COLOURS):
-            by = copies * weight * np.array(drawn.weights[c], np.float64)
             parts = [np.array(p * light.seen.light[k * COLOURS + c], np.float64) for k, p in enumerate(light.passed)]
             own = [(number[w, :, k], part) for w in (0, 1) for k, part in enumerate(parts)]
             at, slope = (np.stack(each) for each in zip(*own, strict=True))
-            rows, known = np.broadcast_to(lane, at.shape), at >= 0
-            slopes = csr_array((slope[known], (rows[known], at[known])), (len(weight), count))
-            matrix += (slopes.T @ (slopes * by[:, None])).toarray()
-            side += slopes.T @ (by * np.array(rest[c], np.float64))
+            by_channel.append((at, slope))
+        matrix, side = normal_equations(pixels, drawn, rest, weight, by_channel, count, CORRELATED)
+        matrix, side = matrix + np.eye(count) / PRIOR**2, side - self.values / PRIOR**2
         change = fall * DAMPED * np.linalg.solve(matrix, side)
         self.values = self.values + np.clip(change, -LARGEST, LARGEST)
         for kind in self.number:
@@ -117,3 +113,29 @@ class Strengths:
             intensity = tuple(factor * x for x in np.atleast_1d(lamp.intensity))
             lamps.append(replace(lamp, intensity=intensity if isinstance(lamp.intensity, tuple) else intensity[0]))
         return replace(photograph, lamps=tuple(lamps))
+
+
+def normal_equations(
+    pixels: PixelTable,
+    drawn: Drawn,
+    rest: Sequence[Float],
+    weight: Array,
+    by_channel: Sequence[tuple[NDArray[np.integer], Array]],
+    count: int,
+    alike: float,
+) -> tuple[Array, Array]:
+    """Normal matrix (count, count) and right side (count,) of some numbers of lamps, by drawn pixels for all of them.
+
+    rest: residuals of channels. weight: (pixels,). by_channel: numbers (m, pixels) and slopes (m, pixels) of the light
+    by them, −1 where there is none. alike: values that count as one, as their errors are alike.
+    """
+    copies = pixels.count / len(weight) / alike
+    matrix, side = np.zeros((count, count)), np.zeros(count)
+    lane = np.arange(len(weight))
+    for own, (at, slope), channel in zip(drawn.weights, by_channel, rest, strict=True):
+        by = copies * weight * np.array(own, np.float64)
+        rows, known = np.broadcast_to(lane, at.shape), at >= 0
+        slopes = csr_array((slope[known], (rows[known], at[known])), (len(weight), count))
+        matrix += (slopes.T @ (slopes * by[:, None])).toarray()
+        side += slopes.T @ (by * np.array(channel, np.float64))
+    return matrix, side
