@@ -17,7 +17,7 @@ from hagoromo.files.whole import scratch_folder
 from hagoromo.image.relight.learnt import Learnt, learn
 from hagoromo.image.relight.prediction import Prediction, passed_by_boxes, predict
 from hagoromo.image.relight.relighting import MEASURED_FOLDER, Relighting
-from hagoromo.image.relight.stage import Stage, check_channels, make_stage
+from hagoromo.image.relight.stage import Stage, in_three_channels, make_stage
 from hagoromo.image.relight.yardstick import Yardstick, yardstick_of
 from hagoromo.measurement.measure import measure
 from hagoromo.measurement.measurement import Measurement
@@ -58,7 +58,6 @@ def relight(
     and as `measure` does.
     """
     rest, held_out = _split(_loaded(capture), hold, against)
-    check_channels(rest)  # before the minutes of the measurement
     shown = part_of(progress, 0.0, MEASURING_SHARE)
     measurement = measure(rest, n=n, distance=distance, rig=rig, progress=shown)
     used, even = measurement.rig, rest if measurement.rig is None else measurement.rig.evened_capture(rest)
@@ -137,7 +136,7 @@ def _learnt(measurement: Measurement, stage: Stage, home: Path) -> dict[str, Lea
 
 
 def _loaded(capture: Capture | str | Path) -> Capture:
-    return capture if isinstance(capture, Capture) else load_capture(capture)
+    return in_three_channels(capture if isinstance(capture, Capture) else load_capture(capture))
 
 
 def _split(

@@ -32,6 +32,7 @@ RAYS_PER_SOLVED_PIXEL = 1
 MARCH_TOLERANCE = 0.01  # of the march: shadow maps of an opaque skin are then within 2 % of it, see `Settings`
 # Bands inside those of `smooth_rgb_basis`: a camera whose channels read its coefficients.
 BASIS_BANDS_NM = ((620.0, 700.0), (530.0, 555.0), (400.0, 460.0))  # nm
+COLOURS = 3
 LEAST_DIM = 1e-6  # least `dim` that is tried: a reflectance that does not conserve energy even then is refused
 
 
@@ -118,9 +119,8 @@ def make_stage(capture: Capture, measured: Path, solved: bool = False) -> Stage:
 
     solved: whether its normals were solved from the photographs.
 
-    Raises `InputError` for photographs of other than three channels.
+    capture: of three channels, see `in_three_channels`.
     """
-    check_channels(capture)
     camera = capture.photographs[0].camera
     spectrum = _spectrum(capture)
     relief, materials = read_relief(measured)
@@ -131,13 +131,35 @@ def make_stage(capture: Capture, measured: Path, solved: bool = False) -> Stage:
     return Stage(relief, materials, camera, spectrum, dim, solved)
 
 
-def check_channels(capture: Capture) -> None:
-    """`InputError` for photographs of other than three channels."""
+def in_three_channels(capture: Capture) -> Capture:
+    """The capture; grey photographs as three channels alike, of three times the variance: together they count as one.
+
+    A response of one channel becomes a factor on the strengths of lamps. `InputError` for other than one or three.
+    """
     channels = capture.photographs[0].values.shape[2]
-    if channels != 3:
-        raise InputError(
-            f"relight needs photographs with three channels: these have {channels}; measure takes any number"
+    if channels not in (1, COLOURS):
+        raise InputError(f"relight takes photographs of one channel or of three: these have {channels}")
+    return capture if channels == COLOURS else replace(capture, photographs=tuple(map(_grey, capture.photographs)))
+
+
+def _grey(photograph: Photograph) -> Photograph:
+    """A photograph of one channel as one of three."""
+    response = photograph.camera.response
+    lamps = []
+    for lamp in photograph.lamps:
+        white = 1.0 if response is None else float(camera_white(lamp.spectrum, response)[0])
+        lamps.append(
+            replace(lamp, intensity=white * float(np.ravel(lamp.intensity)[0]), spectrum=Spectrum.constant(1.0))
         )
+    native = photograph.native
+    return replace(
+        photograph,
+        values=np.repeat(photograph.values, COLOURS, axis=2),
+        variance=COLOURS * np.repeat(photograph.variance, COLOURS, axis=2),
+        native=None if native is None else np.repeat(native, COLOURS, axis=2),
+        camera=replace(photograph.camera, response=None),
+        lamps=tuple(lamps),
+    )
 
 
 def basis_camera() -> Response:
