@@ -42,7 +42,7 @@ COLLAR = (
     TubeRow(34, 56, 55, 0.9, 2),
     TubeRow(40, 46, 46, 1.0, 0.5),
 )
-COLLAR_AT, COLLAR_TILT = (208.0, 230.5), 8.0  # beside the neck above the lower hem of the coif, below the chin in front
+COLLAR_AT, COLLAR_TILT = (208.0, 235.0), 17.0  # beside the neck above the coif's lower hem, in front below the chin
 COIF = 100.0, 25.0  # around it behind, and from the edge of the face backwards
 FACE = (0.0, -9.5, -4.6), (10.2, 13.4)  # of the head: middle and half sizes of the edge of the face
 WIDER, HIGHER, OPENED = 1.36, 1.144, 20.0  # behind than at the face, from this far back
