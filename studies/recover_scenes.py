@@ -125,7 +125,7 @@ def simulated(truth: Truth, taken: Shots, seed: int = 0, noise: bool = True) -> 
             light, share, normals, points = _light(truth, camera, lamp)
             for held, new in ((out.exact, light), (out.normals, normals), (out.points, points)):
                 held.append(new)
-            photographs.append(_photograph(light, share, camera, lamp, random if noise else None, len(photographs)))
+            photographs.append(photograph_of(light, share, camera, lamp, random if noise else None, len(photographs)))
     capture, strengths = (
         hg.Capture(tuple(photographs), "simulated"),
         [float(np.mean(p.lamps[0].intensity)) for p in photographs],
@@ -256,10 +256,16 @@ def _normal(truth: Truth, point: Any) -> Any:
     return dr.normalize(jit.Array3f(*parts))
 
 
-def _photograph(
-    light: Array, share: Array, camera: hg.Camera, lamp: hg.Lamp, random: np.random.Generator | None, number: int
+def photograph_of(
+    light: Array,
+    share: Array,
+    camera: hg.Camera,
+    lamp: hg.Lamp,
+    random: np.random.Generator | None,
+    number: int,
+    covered: float = 0.5,
 ) -> hg.Photograph:
-    """What a camera makes of light, with the object's mask: pixels of which it covers a half."""
+    """What a camera makes of light, with the object's mask: pixels of which it covers that share."""
     white = float(np.percentile(light[share > 0.5], 99.8)) if (share > 0.5).any() else 1.0
     electrons = light / white * FULL_WELL
     if random is not None:
@@ -267,7 +273,7 @@ def _photograph(
     steps = 2.0**BITS - 1.0
     read = np.minimum(np.rint(electrons / FULL_WELL * steps) / steps, 1.0)
     variance = np.maximum(read, 0.0) / FULL_WELL + (READ_NOISE / FULL_WELL) ** 2 + 1.0 / steps**2 / 12.0
-    silhouette = share >= 0.5
+    silhouette = share >= covered
     valid = silhouette & (read < 1.0).all(axis=2)
     values, spread = (each.astype(np.float32) for each in (read * white, variance * white**2))
     return hg.Photograph(values, spread, valid, camera, (lamp,), f"view {number}", silhouette=silhouette)

@@ -1,13 +1,24 @@
 """Choices: the words by which a recovery is asked for what nobody measured."""
 
+from dataclasses import dataclass, field
 from typing import Literal, get_args
 
 from hagoromo.errors import InputError
 
 Light = Literal["auto", "even", "object", "camera"]  # what unknown light is fixed to
+Law = Literal["surface", "fuzzy"]  # of matter
+MatterChoice = Literal["surface", "fuzzy", "auto"]
 Part = Literal["turn", "cameras", "lamps", "exposure", "places"]  # what can be refined beside the object
 PARTS: tuple[Part, ...] = get_args(Part)
 AUTO, NONE = "auto", "none"
+
+
+@dataclass(frozen=True)
+class FoundMatter:
+    """law: of the matter. tried: PSNR [dB] of each law that was tried."""
+
+    law: Law
+    tried: dict[str, float] = field(default_factory=dict)
 
 
 def parts_of(refine: str) -> tuple[Part, ...]:

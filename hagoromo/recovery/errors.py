@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from hagoromo.backend import Array3f, vectors
-from hagoromo.recovery.distance_field import COLOURS, DistanceField
-from hagoromo.recovery.recovered_shape import Shape
+from hagoromo.recovery.distance_field import DistanceField
+from hagoromo.recovery.matter_field import COLOURS
+from hagoromo.recovery.surface_shape import SurfaceShape
 
 Array = NDArray[np.float64]
 
@@ -50,7 +51,7 @@ class Errors:
     colour: NDArray[np.float32]
 
 
-def errors_of(found: Shape, halves: Sequence[Shape], before: Shape | None) -> Errors:
+def errors_of(found: SurfaceShape, halves: Sequence[SurfaceShape], before: SurfaceShape | None) -> Errors:
     """Errors of what was found. halves: what each half of the photographs gives. before: found one level earlier."""
     near = np.abs(found.distance) < NEAR
     places = found.lattice.to_world(_on_surface(found, np.argwhere(near)[:, ::-1].astype(float)))
@@ -68,7 +69,7 @@ def errors_of(found: Shape, halves: Sequence[Shape], before: Shape | None) -> Er
     return Errors(maps[..., 0], maps[..., 1], maps[..., 2 : 2 + COLOURS])
 
 
-def _on_surface(shape: Shape, places: Array) -> Array:
+def _on_surface(shape: SurfaceShape, places: Array) -> Array:
     """The places (n, 3) of the surface before or behind others [voxel], by Newton's steps along the normal."""
     field = DistanceField(shape.distance, shape.colours)
     for _ in range(NEWTON_STEPS):
@@ -77,7 +78,7 @@ def _on_surface(shape: Shape, places: Array) -> Array:
     return places
 
 
-def _surface(shape: Shape, places: Array) -> OnSurface:
+def _surface(shape: SurfaceShape, places: Array) -> OnSurface:
     """What an object has at places of the world (n, 3) [m]."""
     field, at = DistanceField(shape.distance, shape.colours), vectors(shape.lattice.from_world(places))
     distance, slope = _looked_up(field, at)

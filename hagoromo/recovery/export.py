@@ -15,7 +15,9 @@ from hagoromo.errors import InputError
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.matter.shape import coverage, unit
 from hagoromo.photograph.photograph import Photograph
-from hagoromo.recovery.distance_field import COLOURS, DistanceField
+from hagoromo.recovery.distance_field import DistanceField
+from hagoromo.recovery.fuzzy_shape import THIN, FuzzyShape
+from hagoromo.recovery.matter_field import COLOURS
 from hagoromo.recovery.recovered import Recovered, RecoveredMesh
 from hagoromo.recovery.shading import ALPHA
 from hagoromo.reflectance.reflectance import Reflectance
@@ -30,6 +32,7 @@ FINENESS, MOST_SIDE = 3, 768  # voxels of a box by default, per node; along its 
 SHADOW_BIAS = 1.0  # voxels of the box
 LEAST_BOX, LARGEST_BOX = 8, 2048  # voxels along the longest edge
 SKIN = 6.0  # voxels of the box that hold matter behind the surface
+LEAST_EXTINCTION = 1e-3  # [1/node] of fuzzy matter that a box holds
 BRIGHTEST = 0.98  # of a body colour, which a reflectance must give back less than all of
 LEAST_DIM = 1e-3  # factor on the reflectance below which it cannot be made to conserve energy
 
@@ -75,6 +78,34 @@ def recovered_box(recovered: Recovered, side: int | None = None) -> VolumeBox:
     )  # fmt: skip
 
 
+def fuzzy_box(recovered: Recovered, fuzzy: FuzzyShape, side: int | None = None) -> VolumeBox:
+    """The matter as a box of fibres, `side` voxels along its longest edge (default: one a node).
+
+    Density, axes and colours are linear between nodes, as in the box. See `recovered_box` for colours and dimming.
+    """
+    if side is not None and not LEAST_BOX <= side <= LARGEST_BOX:
+        raise InputError(f"side is {side}: give {LEAST_BOX} to {LARGEST_BOX} voxels")
+    lattice, field = recovered.lattice, fuzzy.field()
+    edges = np.array(lattice.shape[::-1]) * lattice.voxel
+    voxel = float(edges.max()) / (side or max(lattice.shape))
+    shape: Any = tuple(max(round(edge / voxel), 1) for edge in edges)
+    materials, dim = conserving(recovered)
+    jit, densest = arrays(), float(fuzzy.density.max())
+    scale = dim * ALPHA / materials[0].alpha
+
+    def matter(point: Any) -> tuple[Any, ...]:
+        place = jit.Array3f(point) * float(1.0 / lattice.voxel) - 0.5
+        density = field.value_at(place)
+        there = dr.select(density > LEAST_EXTINCTION, density * (1.0 / densest), 0.0)
+        colours = [dr.fmin(each * scale, BRIGHTEST) for each in field.colours_at(place)]
+        return there, unit(field.axis_at(place)), jit.UInt(0), [*colours, jit.Float(0)]
+
+    return VolumeBox.from_field(
+        matter, shape, voxel, densest / lattice.voxel, materials, pose=_pose(recovered, lattice.voxel),
+        basis=basis_of(recovered.photographs), name=_name(recovered, dim),
+    )  # fmt: skip
+
+
 def _name(recovered: Recovered, dim: float) -> str:
     dimmed = "" if dim == 1.0 else f", dimmed by {dim:g}"
     return f"{recovered.name or 'recovered'}{dimmed}"
@@ -88,7 +119,8 @@ def _pose(recovered: Recovered, voxel: float) -> NDArray[np.float64]:
 
 def conserving(recovered: Recovered) -> tuple[list[Reflectance], float]:
     """The material, and the factor by which it is dimmed so that it conserves energy."""
-    brightest = min(float(recovered.colours[np.abs(recovered.distance) < 1.0].max(initial=0.1)), BRIGHTEST)
+    near = np.abs(recovered.distance) < 1.0 if recovered.fuzzy is None else recovered.fuzzy.density > THIN
+    brightest = min(float(recovered.colours[near].max(initial=0.1)), BRIGHTEST)
     dim = 1.0
     while True:
         try:
@@ -98,6 +130,7 @@ def conserving(recovered: Recovered) -> tuple[list[Reflectance], float]:
                 gamma=recovered.gamma,
                 n=recovered.n,
                 body_colour=Spectrum.constant(brightest),
+                element=recovered.field.element,
                 name=recovered.name or "recovered",
             )
             return [material], dim

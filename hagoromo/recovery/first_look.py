@@ -1,18 +1,18 @@
-"""First look: what unknown light is fixed to, and by how much all cameras turn, from coarse recoveries.
+"""First look: what unknown light is fixed to, by how much all cameras turn, and whether the matter has a surface.
 
-Each kind of light recovers the object on a coarse lattice from a part of the photographs; the kind that predicts the
-others best is taken. Photographs that the user keeps aside take no part.
+Each kind of light, and each law of matter, recovers the object on a coarse lattice from a part of the photographs; the
+one that predicts the others best is taken. Photographs that the user keeps aside take no part.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias, get_args
 
 import numpy as np
 
-from hagoromo.recovery.choices import AUTO, Light, parts_of
+from hagoromo.recovery.choices import AUTO, FoundMatter, Law, Light, parts_of
 from hagoromo.recovery.given import kept_aside
 from hagoromo.recovery.look import FoundLook
 from hagoromo.recovery.object_view import ObjectView
@@ -24,6 +24,7 @@ Views: TypeAlias = tuple[ObjectView, ...]
 KINDS: tuple[Light, ...] = ("even", "object", "camera")
 SIDE = 48  # nodes along the longest edge
 KEEP = 5  # every how many photographs one judges
+FUZZY_BETTER = 0.5  # dB by which matter without a surface must predict better than a surface
 BETTER = 0.2  # dB by which a light that depends on the normal, or a turn of the cameras, must predict better than none
 
 
@@ -35,8 +36,7 @@ def first_look(
     A turn of all cameras is taken where it predicts better, if `refine` leaves that open: the hull is made anew with it
     before it is judged. `KeyboardInterrupt` where a coarse recovery was interrupted: there is nothing to give yet.
     """
-    aside = kept_aside(len(views), KEEP)
-    used, kept = (tuple(v for v, out in zip(views, aside, strict=True) if out == which) for which in (False, True))
+    used, kept = judged(views)
     open_yet = refine == AUTO and bool(kept)
     parts = ("turn",) if open_yet else parts_of(refine)
     found: dict[Light, Recovered] = {}
@@ -51,6 +51,22 @@ def first_look(
         again, stated = (_complete(coarse(used, kept, start)) for start in starts)
         found[best] = again if _psnr(again) >= _psnr(stated) + BETTER else stated
     return replace(FoundLook.of(found[best].look), tried={str(each): score for each, score in tried.items()})
+
+
+def law_of(views: Sequence[ObjectView], coarse: Callable[[Views, Views, Law], Recovered]) -> FoundMatter:
+    """Whether the matter of some views has a surface. coarse: recovers from used views and kept ones, by a law."""
+    used, kept = judged(views)
+    if not kept:
+        return FoundMatter("surface")
+    tried = {str(law): _psnr(_complete(coarse(used, kept, law))) for law in get_args(Law)}
+    return FoundMatter("fuzzy" if tried["fuzzy"] >= tried["surface"] + FUZZY_BETTER else "surface", tried)
+
+
+def judged(views: Sequence[ObjectView]) -> tuple[Views, Views]:
+    """The views that coarse recoveries use, and those that judge them."""
+    aside = kept_aside(len(views), KEEP)
+    used, kept = (tuple(v for v, out in zip(views, aside, strict=True) if out == which) for which in (False, True))
+    return used, kept
 
 
 def _complete(found: Recovered) -> Recovered:

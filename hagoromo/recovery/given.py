@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from hagoromo.errors import InputError
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.photograph import Photograph
-from hagoromo.recovery.distance_field import COLOURS
 from hagoromo.recovery.lattice import Lattice
+from hagoromo.recovery.matter_field import COLOURS
 from hagoromo.recovery.object_view import ObjectView
 
 LEAST_VIEWS = 3

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.backend import Float
-from hagoromo.recovery.distance_field import COLOURS
+from hagoromo.recovery.matter_field import COLOURS
 from hagoromo.recovery.pixel_table import ROBUST, Drawn
 from hagoromo.recovery.rendering import Rendering
 from hagoromo.recovery.shading import GLOSS

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy import ndimage
 
 Array = NDArray[np.float64]
 MARGIN = 3  # nodes of the old lattice that are kept free around the surface
@@ -36,6 +37,13 @@ class Lattice:
         first, last = inside.min(axis=0) - MARGIN, inside.max(axis=0) + MARGIN
         low, high = np.maximum(self.to_world(first), self.corner), np.minimum(self.to_world(last), self.high)
         return Lattice.around(low, high, side)
+
+    def resampled(self, values: NDArray[np.floating], new: Lattice) -> NDArray[np.float32]:
+        """Values (nz, ny, nx[, k]) at the nodes of a new lattice: trilinear, outside as at the edge."""
+        at = np.moveaxis(self.from_world(new.nodes())[..., ::-1], 3, 0)
+        parts = values[..., None] if values.ndim == 3 else values
+        sampled = [ndimage.map_coordinates(parts[..., k], at, order=1, mode="nearest") for k in range(parts.shape[3])]
+        return np.stack(sampled, axis=3).reshape(*new.shape, *values.shape[3:]).astype(np.float32)
 
     def from_world(self, points: ArrayLike) -> Array:
         """World points (..., 3) [m] in lattice coordinates (x, y, z)."""

@@ -10,13 +10,12 @@ import numpy as np
 
 from hagoromo.files.memory import require
 from hagoromo.progress import Progress, part_of
-from hagoromo.recovery.descent import DISTANCE_RATE, FIRST_RATE, Descent
-from hagoromo.recovery.distance_field import DistanceField
+from hagoromo.recovery.descent import Descent
 from hagoromo.recovery.lamp_table import LampTable
 from hagoromo.recovery.look import FoundLook, Look
+from hagoromo.recovery.matter_shape import MatterShape
 from hagoromo.recovery.object_view import ObjectView
 from hagoromo.recovery.pixel_table import CHUNK, PixelTable
-from hagoromo.recovery.recovered_shape import Shape
 from hagoromo.recovery.work import Checkpoint
 
 COARSEST = 32  # nodes along the longest edge of the first level
@@ -47,7 +46,7 @@ class Levels:
     def __init__(
         self,
         views: Sequence[ObjectView],
-        start: Shape,
+        start: MatterShape,
         sides: Sequence[int],
         rays: int,
         seed: int,
@@ -55,16 +54,15 @@ class Levels:
         look: Look,
     ) -> None:
         self.views, self.sides, self.rays, self.seed, self.shadows = views, sides, rays, seed, shadows
-        self.start, self.before, self.lattice, self.look = start, start, start.lattice, look
+        self.start, self.before, self.begin, self.look = start, start, start, look
         self.descent: Descent | None = None
 
     @property
-    def shape(self) -> Shape:
+    def shape(self) -> MatterShape:
         """What there is."""
         if self.descent is None:
             return self.start
-        field = self.descent.field
-        return Shape(self.lattice, field.distances(), field.body_colours(), self.descent.gloss)
+        return self.begin.after(self.descent.field, self.descent.gloss)
 
     @property
     def softness(self) -> float:
@@ -83,7 +81,7 @@ class Levels:
 
     def go_back_to(self, checkpoint: Checkpoint) -> None:
         """Take what was found by then."""
-        self.start, self.before, self.lattice = checkpoint.shape, checkpoint.before, checkpoint.shape.lattice
+        self.start, self.before, self.begin = checkpoint.shape, checkpoint.before, checkpoint.shape
         self.look = checkpoint.look.of_views(self.views)
 
     def run(
@@ -103,11 +101,11 @@ class Levels:
                 self.before = self.shape
             begin = self.before.finer(self.sides[number]) if number and first == 0 else self.shape
             last = number == len(self.sides) - 1
-            self.lattice, self.descent = begin.lattice, self._descent(begin, last)
+            self.begin, self.descent = begin, self._descent(begin, last)
             if since is not None and first:
                 self.descent.random.bit_generator.state = json.loads(since.random)
             own = part_of(progress, float(ends[number]), float(np.diff(ends)[number]), f"{self.sides[number]} nodes")
-            softness, rate = LAST_SOFTNESS if last else SOFTNESS, DISTANCE_RATE if number else FIRST_RATE
+            softness, rate = LAST_SOFTNESS if last else SOFTNESS, self.descent.moves.rates[min(number, 1)]
 
             def kept(step: int, number: int = number) -> None:
                 keep(self.checkpoint(number, step))
@@ -119,7 +117,7 @@ class Levels:
         """Chunks of pixels of each step of a level."""
         return round(self.rays * max(1.0, side / RAYS_SIDE) ** 2) // CHUNK
 
-    def _descent(self, begin: Shape, last: bool) -> Descent:
+    def _descent(self, begin: MatterShape, last: bool) -> Descent:
         """The descent of a level."""
         photographs, lattice = [view.photograph for view in self.views], begin.lattice
         nearest = min(float(np.linalg.norm(p.camera.position - lattice.middle)) for p in photographs)
@@ -130,7 +128,7 @@ class Levels:
             np.percentile(v.photograph.values[v.photograph.mask], 99.0) for v in reduced if v.photograph.mask.any()
         ]
         pixels = PixelTable(reduced, lattice, LAST_MODEL_ERROR if last else MODEL_ERROR, float(np.median(bright)))
-        field, seed = DistanceField(begin.distance, begin.colours), self.seed + max(lattice.shape)
+        field, seed = begin.field(), self.seed + max(lattice.shape)
         return Descent(field, pixels, LampTable(photographs, lattice), begin.gloss, seed, self.shadows, self.look)
 
 

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from hagoromo.backend import Float, UInt, arrays, evaluate, lookup
 from hagoromo.recovery.hull import way_to
 from hagoromo.recovery.lattice import Lattice
+from hagoromo.recovery.matter_march import LatticeRays
 from hagoromo.recovery.object_view import ObjectView
-from hagoromo.recovery.surface_march import LatticeRays
 
 CHUNK = 16  # pixels that are drawn together: neighbours, so that their rays meet the same matter
 TILE = 4  # px, side of such a neighbourhood

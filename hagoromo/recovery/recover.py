@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import get_args
@@ -12,18 +13,19 @@ from hagoromo.errors import InputError
 from hagoromo.files.memory import require
 from hagoromo.photograph.capture import Capture, load_capture
 from hagoromo.progress import Progress, part_of, silent
-from hagoromo.recovery.choices import AUTO, NONE, Light, parts_of
+from hagoromo.recovery.choices import AUTO, NONE, FoundMatter, Law, Light, MatterChoice, parts_of
 from hagoromo.recovery.errors import errors_of
 from hagoromo.recovery.evidence import evidence_of
-from hagoromo.recovery.first_look import SIDE, Views, first_look
+from hagoromo.recovery.first_look import SIDE, Views, first_look, law_of
+from hagoromo.recovery.fuzzy_shape import FuzzyShape
 from hagoromo.recovery.given import LEAST_VIEWS, check_lamps, check_not_cut, checked, kept_aside
 from hagoromo.recovery.hull import box_of, check_all_show_it, hull_distance, outlines_of, without_crumbs
 from hagoromo.recovery.lattice import Lattice
 from hagoromo.recovery.levels import Levels, sides_of
 from hagoromo.recovery.look import FoundLook, Look
+from hagoromo.recovery.matter_shape import SHAPES, MatterShape
 from hagoromo.recovery.pixel_table import CHUNK
 from hagoromo.recovery.recovered import Recovered
-from hagoromo.recovery.recovered_shape import Shape
 from hagoromo.recovery.silhouettes import views_of
 from hagoromo.recovery.work import Work
 
@@ -45,7 +47,8 @@ class RecoverySettings:
     "auto": the one of the three that predicts best. refine: what is estimated beside the object, a list of "turn" (one
     small turn of all cameras), "cameras" (of each, a turn and a shift), "lamps" and "exposure" (a factor on the light
     of each lamp, and of each photograph), "places" (a shift of each lamp), such as "cameras,lamps"; "none"; "auto": a
-    turn, where no lamp is known, if it predicts better.
+    turn, where no lamp is known, if it predicts better. matter: "surface"; "fuzzy": fibres without a surface, such as
+    fur and down, a free density at each node; "auto": the one that predicts better, on a coarse lattice.
     """
 
     side: int = 128
@@ -57,6 +60,7 @@ class RecoverySettings:
     seed: int = 0
     light: Light = "auto"
     refine: str = AUTO
+    matter: MatterChoice = "surface"
 
     def __post_init__(self) -> None:
         if not LEAST_SIDE <= self.side <= LARGEST_SIDE:
@@ -66,6 +70,8 @@ class RecoverySettings:
                 raise InputError(f"{name} is {getattr(self, name)}: give {least} or more")
         if self.light not in get_args(Light):
             raise InputError(f"light is {self.light!r}: give {', '.join(get_args(Light))}")
+        if self.matter not in get_args(MatterChoice):
+            raise InputError(f"matter is {self.matter!r}: give {', '.join(get_args(MatterChoice))}")
         parts_of(self.refine)
         if self.keep == 1:
             raise InputError("keep is 1: every photograph would be kept aside; give 2 or more, or 0 for none")
@@ -102,31 +108,56 @@ def recover(
     kept_work = Work(None if work is None else Path(work), photographs, asdict(settings))
     lit = any(p.lamps for p in photographs)
     _check_lamps_of(settings.refine, lit)
-    look = FoundLook(parts_of(settings.refine)).of_views(used)
-    if not lit:
-        coarse = replace(settings, side=min(SIDE, settings.side), errors=False)
-        of_look = part_of(progress, 0.0, LOOK_SHARE, "first look")
-
-        def looked_at(some: Views, others: Views, start: FoundLook) -> Recovered:
-            return _recovered(some, others, coarse, start.of_views(some), of_look, Work(None, (), {}))
-
-        if (known := kept_work.found.look) is None:
-            known = first_look(used, settings.light, settings.refine, looked_at)
-            kept_work.keep(look=known)
-        look = known.of_views(used)
-        progress = part_of(progress, LOOK_SHARE, 1.0 - LOOK_SHARE)
-    found = _recovered(used, kept, settings, look, progress, kept_work)
+    _check_light_of(settings, lit)
+    matter, look, progress = _first_looks(used, settings, lit, progress, kept_work)
+    found = _recovered(used, kept, settings, matter, look, progress, kept_work)
     if found.complete:
         kept_work.end()
     return replace(found, name=taken.name, assumptions=dict(taken.assumptions))
 
 
+def _first_looks(
+    used: Views, settings: RecoverySettings, lit: bool, progress: Progress, work: Work
+) -> tuple[FoundMatter, Look, Progress]:
+    """The law of the matter, what is estimated beside the object, and the progress of what is left to be done."""
+    coarse = replace(settings, side=min(SIDE, settings.side), errors=False)
+    matter = FoundMatter("fuzzy" if settings.matter == "fuzzy" else "surface")
+    known = work.found.look or FoundLook(parts_of(settings.refine))
+    looks = (not lit) + (settings.matter == AUTO)
+
+    def looked_at(number: int) -> Callable[[Views, Views, Law, FoundLook], Recovered]:
+        own = part_of(progress, LOOK_SHARE * number, LOOK_SHARE, "first look")
+
+        def recovered(some: Views, others: Views, law: Law, start: FoundLook) -> Recovered:
+            return _recovered(some, others, coarse, FoundMatter(law), start.of_views(some), own, Work(None, (), {}))
+
+        return recovered
+
+    if not lit and work.found.look is None:
+        light, first = "even" if matter.law == "fuzzy" else settings.light, looked_at(0)
+        known = first_look(used, light, settings.refine, lambda a, b, start: first(a, b, matter.law, start))
+        work.keep(look=known)
+    if settings.matter == AUTO:
+        if work.found.matter is None:
+            plain, second = FoundLook(known.parts, cameras=known.cameras), looked_at(looks - 1)
+            work.keep(matter=law_of(used, lambda a, b, law: second(a, b, law, known if law == "surface" else plain)))
+        matter = work.found.matter or matter
+        known = known if matter.law == "surface" else FoundLook(known.parts, cameras=known.cameras)
+    return matter, known.of_views(used), part_of(progress, LOOK_SHARE * looks, 1.0 - LOOK_SHARE * looks)
+
+
 def _recovered(
-    used: Views, kept: Views, settings: RecoverySettings, look: Look, progress: Progress, work: Work
+    used: Views,
+    kept: Views,
+    settings: RecoverySettings,
+    matter: FoundMatter,
+    look: Look,
+    progress: Progress,
+    work: Work,
 ) -> Recovered:
-    """What is recovered of views that are used, by what a first look found."""
+    """What is recovered of views that are used, by what first looks found."""
     progress(0.0, "hull")
-    levels = _levels(used, settings, look, settings.rays)
+    levels = _levels(used, settings, matter.law, look, settings.rays)
     both = settings.errors and len(used) >= 2 * LEAST_VIEWS
     known, errors = work.found.known, None
     try:
@@ -136,24 +167,28 @@ def _recovered(
             known = evidence_of(descent, levels.before.gloss if len(levels.sides) > 1 else None)
             work.keep(known=known, checkpoints={WHOLE: levels.end})
         if both:
-            halves = _halves(levels, settings, part_of(progress, WHOLE_SHARE, 1.0 - WHOLE_SHARE, "errors"), work)
-            errors = errors_of(levels.shape, halves, levels.before if len(levels.sides) > 1 else None)
+            halves = _halves(
+                levels, settings, matter.law, part_of(progress, WHOLE_SHARE, 1.0 - WHOLE_SHARE, "errors"), work
+            )
+            before = levels.before.surface() if len(levels.sides) > 1 else None
+            errors = errors_of(levels.shape.surface(), [half.surface() for half in halves], before)
             known = known and known.with_halves(*(half.gloss for half in halves))
     except KeyboardInterrupt:
         if levels.descent is None and levels.start is levels.before:
             raise
-    found, look = levels.shape, levels.look
+    shape, look = levels.shape, levels.look
+    found = shape.surface()
     used, kept = _changed(used, look), _changed(kept, look)
     return Recovered(
         found.lattice, np.asarray(without_crumbs(found.distance), np.float32), found.colours, found.gloss,
         levels.softness, tuple(v.photograph for v in used), kept, any(v.photograph.lamps for v in used),
         asdict(settings), stated=used[0].stated, evidence=known, errors=errors,
         complete=known is not None and (errors is not None or not both),
-        look=look,
+        look=look, fuzzy=shape if isinstance(shape, FuzzyShape) else None, matter_tried=matter.tried,
     )  # fmt: skip
 
 
-def _levels(views: Views, settings: RecoverySettings, look: Look, rays: int) -> Levels:
+def _levels(views: Views, settings: RecoverySettings, law: Law, look: Look, rays: int) -> Levels:
     """The levels of some views, from their hull."""
     seen = _changed(views, look)
     outlines, stated = outlines_of(seen), views[0].stated
@@ -166,15 +201,15 @@ def _levels(views: Views, settings: RecoverySettings, look: Look, rays: int) -> 
     if stated:
         check_all_show_it(outlines, lattice, hull)
     check_lamps([view.photograph for view in seen], lattice, hull)
-    return Levels(views, Shape.of_hull(lattice, hull), sides, rays, settings.seed, settings.shadows, look)
+    return Levels(views, SHAPES[law].of_hull(lattice, hull), sides, rays, settings.seed, settings.shadows, look)
 
 
-def _halves(whole: Levels, settings: RecoverySettings, progress: Progress, work: Work) -> list[Shape]:
+def _halves(whole: Levels, settings: RecoverySettings, law: Law, progress: Progress, work: Work) -> list[MatterShape]:
     """What each half of the photographs gives, from which the errors of what all gave follow."""
     halves = []
     for number, name in enumerate(HALVES):
         views, keep = tuple(whole.views[number::2]), work.keeps(name)
-        half = _levels(views, settings, FoundLook.of(whole.look).of_views(views), settings.rays // 2)
+        half = _levels(views, settings, law, FoundLook.of(whole.look).of_views(views), settings.rays // 2)
         half.run(settings.steps, part_of(progress, 0.5 * number, 0.5), keep, work.found.checkpoints.get(name))
         keep(half.end)
         halves.append(half.shape)
@@ -184,6 +219,13 @@ def _halves(whole: Levels, settings: RecoverySettings, progress: Progress, work:
 def _changed(views: Views, look: Look) -> Views:
     """Views with the cameras and lamps that were found."""
     return tuple(replace(view, photograph=look.of(view.photograph)) for view in views)
+
+
+def _check_light_of(settings: RecoverySettings, lit: bool) -> None:
+    if not lit and settings.matter == "fuzzy" and settings.light not in (AUTO, "even"):
+        raise InputError(
+            f"light is {settings.light!r}, which is by the normal, and fuzzy matter has none: give light even"
+        )
 
 
 def _check_lamps_of(refine: str, lit: bool) -> None:

@@ -15,15 +15,18 @@ from hagoromo.files.record import written_by
 from hagoromo.files.whole import whole_file
 from hagoromo.light.colour import srgb_encode
 from hagoromo.photograph.photograph import Photograph
+from hagoromo.recovery.choices import Law
 from hagoromo.recovery.distance_field import DistanceField
 from hagoromo.recovery.errors import Errors
 from hagoromo.recovery.evidence import Evidence
+from hagoromo.recovery.fuzzy_shape import FuzzyShape
 from hagoromo.recovery.lamp_table import LampTable
 from hagoromo.recovery.lattice import Lattice
 from hagoromo.recovery.look import Look
+from hagoromo.recovery.matter_field import MatterField
 from hagoromo.recovery.object_view import ObjectView
 from hagoromo.recovery.rendering import Rendering
-from hagoromo.recovery.shading import SurfaceShading, figures
+from hagoromo.recovery.shading import NodeShading, figures
 
 if TYPE_CHECKING:
     from hagoromo.volume.box import VolumeBox
@@ -91,7 +94,10 @@ class Recovered:
     silhouettes. evidence: how well the gloss is known, and which places photographs show; None where the recovery was
     interrupted. errors: those of places; None where they were not asked for, or photographs too few for halves of
     three. complete: whether the recovery came to its end; it was interrupted otherwise. look: what was estimated
-    beside the object; `photographs` and `kept` have the cameras and lamps that were found.
+    beside the object; `photographs` and `kept` have the cameras and lamps that were found. fuzzy: the density of matter
+    that has no surface, on the same lattice; `distance` is then that to the surface that stands for it, where the
+    clearest way out has the optical depth ½. None: the matter is a surface. matter_tried: PSNR [dB] of each law of matter
+    that was tried.
     """
 
     lattice: Lattice
@@ -110,6 +116,8 @@ class Recovered:
     errors: Errors | None = None
     complete: bool = True
     look: Look = field(default_factory=Look)
+    fuzzy: FuzzyShape | None = None
+    matter_tried: Mapping[str, float] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         nodes = " × ".join(str(n) for n in self.lattice.shape[::-1])
@@ -130,12 +138,22 @@ class Recovered:
         """Refractive index."""
         return figures(self.gloss)[2]
 
+    @property
+    def matter(self) -> Law:
+        """The law of the matter."""
+        return "surface" if self.fuzzy is None else "fuzzy"
+
+    @cached_property
+    def field(self) -> MatterField:
+        """The matter on the device."""
+        return DistanceField(self.distance, self.colours) if self.fuzzy is None else self.fuzzy.field()
+
     @cached_property
     def rendering(self) -> Rendering:
-        """The field on the device."""
-        held = DistanceField(self.distance, self.colours)
+        """Its pictures."""
+        held = self.field
         light = None if self.look.unknown is None else self.look.unknown.of(self.photographs[:1])
-        shading = SurfaceShading(LampTable(self.photographs[:1], self.lattice), self.gloss, light)
+        shading = NodeShading(LampTable(self.photographs[:1], self.lattice), self.gloss, light, held.element)
         return Rendering(held, shading, self.softness, bool(self.settings.get("shadows", True)))
 
     def picture(self, photograph: Photograph) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -143,7 +161,7 @@ class Recovered:
         return self.rendering.picture(photograph, self.lattice)
 
     def normals(self, photograph: Photograph) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
-        """Unit normals (h, w, 3), world axes, of the surface that a photograph shows, and the opacity (h, w)."""
+        """Unit normals of the surface, or axes of fibres, that a photograph shows (h, w, 3), world axes, and the opacity (h, w)."""
         return self.rendering.normals(photograph, self.lattice)
 
     def places(self, photograph: Photograph) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
@@ -159,6 +177,8 @@ class Recovered:
             "name": self.name,
             "complete": self.complete,
             "lamps": "known" if self.lit else LIGHTS["even" if look.unknown is None else look.unknown.frame],
+            "matter": self.matter,
+            "matter_tried_db": dict(self.matter_tried),
             "lights_tried_db": dict(look.tried),
             "cameras": "as stated" if look.cameras is None else str(look.cameras),
             "strengths": "as stated" if look.strengths is None else str(look.strengths),
@@ -197,13 +217,15 @@ class Recovered:
         return [score(kept.photograph, kept.silhouette, self.picture(kept.photograph)[0]) for kept in self.kept]
 
     def box(self, side: int | None = None) -> VolumeBox:
-        """The object as a volume box of `side` voxels along its longest edge (default: three a node)."""
-        from hagoromo.recovery.export import recovered_box
+        """The object as a volume box of `side` voxels along its longest edge (default: three a node; of fuzzy matter
+        one).
+        """
+        from hagoromo.recovery.export import fuzzy_box, recovered_box
 
-        return recovered_box(self, side)
+        return recovered_box(self, side) if self.fuzzy is None else fuzzy_box(self, self.fuzzy, side)
 
     def mesh(self) -> RecoveredMesh:
-        """The surface as triangles."""
+        """The surface as triangles; of fuzzy matter the one that stands for it."""
         from hagoromo.recovery.export import recovered_mesh
 
         return recovered_mesh(self)

@@ -1,4 +1,4 @@
-"""Rendering: what photographs show of a distance field, under their lamps, with shadows."""
+"""Rendering: what photographs show of a field of matter, under their lamps, with shadows."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from hagoromo.backend import Array3f, Float, arrays, column, evaluate
 from hagoromo.matter.shape import unit
 from hagoromo.photograph.photograph import Photograph
-from hagoromo.recovery.distance_field import COLOURS, DistanceField
 from hagoromo.recovery.lamp_table import LampTable
 from hagoromo.recovery.lattice import Lattice
+from hagoromo.recovery.matter_field import COLOURS, MatterField
+from hagoromo.recovery.matter_march import LatticeRays, Seen
 from hagoromo.recovery.pixel_table import Drawn, span
-from hagoromo.recovery.shading import SurfaceShading
-from hagoromo.recovery.surface_march import LatticeRays, Seen, SurfaceMarch
+from hagoromo.recovery.shading import NodeShading
 
 if TYPE_CHECKING:
     from hagoromo.recovery.strengths import Strengths
@@ -41,7 +41,7 @@ class SeenLight:
 
 
 class Rendering:
-    """A distance field, the shading of its surface, and s [voxel], the softness of its opacity.
+    """A field of matter, the shading of its places, and s [voxel], the softness of a surface.
 
     shadows: whether the object keeps the light of lamps from itself. Their derivative is not taken: shadows are found
     anew in each step, and held in it. strengths: factors on the light of lamps; None where they are as stated.
@@ -49,8 +49,8 @@ class Rendering:
 
     def __init__(
         self,
-        field: DistanceField,
-        shading: SurfaceShading,
+        field: MatterField,
+        shading: NodeShading,
         softness: float,
         shadows: bool = True,
         strengths: Strengths | None = None,
@@ -66,7 +66,7 @@ class Rendering:
     @softness.setter
     def softness(self, s: float) -> None:
         self._softness = s
-        self.march = SurfaceMarch(self.field, dr.opaque(arrays().Float, 1.0 / s), self.shading)
+        self.march = self.field.march(self.shading, s, self.shadows)
 
     def light(self, drawn: Drawn) -> SeenLight:
         """The light of some pixels."""
@@ -81,26 +81,17 @@ class Rendering:
         factors = [jit.Float(1.0)] * max(lamps.each, 1)
         if self.strengths is not None:
             factors = self.strengths.on(drawn.photograph)
-        if not (self.shadows and lamps.each):
+        if self.march.lights_pieces or not (self.shadows and lamps.each):
             return factors
         place = dr.fma(drawn.rays.direction, seen.way, drawn.rays.origin)
         shares = []
         for k in range(lamps.each):
             to_lamp, distance, _ = lamps.arriving(drawn.photograph, k, place)
-            far = dr.select(seen.depth > OPAQUE, dr.fmin(distance, self._to_edge(place, to_lamp)), 0.0)
+            far = dr.select(seen.depth > OPAQUE, dr.fmin(distance, self.field.way_to_edge(place, to_lamp, INSIDE)), 0.0)
             passed = self.march.transmittance(LatticeRays(place, to_lamp, jit.Float(0), far))
             shares.append(factors[k] * passed)
             dr.eval(shares[-1])
         return shares
-
-    def _to_edge(self, place: Array3f, direction: Array3f) -> Float:
-        """Way from a place to where the lattice ends [voxel]."""
-        jit, way = arrays(), arrays().Float(1e6)
-        for k in range(3):
-            end = dr.select(direction[k] > 0.0, self.field.last[k], INSIDE)
-            step = (end - place[k]) / dr.select(dr.abs(direction[k]) > 1e-6, direction[k], jit.Float(1e-6))
-            way = dr.fmin(way, dr.fmax(step, 0.0))
-        return way
 
     def picture(self, photograph: Photograph, lattice: Lattice) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Light (h, w, 3) that a camera sees under the lamps of `photograph`, and the opacity (h, w) there."""
@@ -110,9 +101,9 @@ class Rendering:
         return np.stack(channels, axis=1).reshape(*size, COLOURS), light.opacity.reshape(size)
 
     def normals(self, photograph: Photograph, lattice: Lattice) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
-        """Unit normals (h, w, 3) of the surface that a camera sees, and the opacity (h, w) there."""
+        """Unit normals of the surface, or axes of fibres, that a camera sees (h, w, 3), and the opacity (h, w) there."""
         place, opacity = self._places(photograph, lattice)
-        normals = np.array(unit(self.field.slope_at(place)), np.float64).T
+        normals = np.array(unit(self.field.axis_at(place)), np.float64).T
         return normals.reshape(*opacity.shape, 3), opacity
 
     def nodes(self, photograph: Photograph, lattice: Lattice) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
@@ -128,10 +119,10 @@ class Rendering:
         return place, light.opacity.reshape(photograph.camera.height, photograph.camera.width)
 
     def _of(self, photograph: Photograph, lattice: Lattice) -> Rendering:
-        """The same surface under the lamps of a photograph."""
+        """The same matter under the lamps of a photograph."""
         unknown = self.shading.unknown
         light = None if unknown is None else unknown.of([photograph])
-        shading = SurfaceShading(LampTable([photograph], lattice), np.array(self.shading.gloss), light)
+        shading = NodeShading(LampTable([photograph], lattice), np.array(self.shading.gloss), light, self.field.element)
         return Rendering(self.field, shading, self.softness, self.shadows)
 
 

@@ -1,4 +1,4 @@
-"""SurfaceShading: what a place of the surface sends to the eye under the lamps of its photograph."""
+"""NodeShading: what a place sends to the eye under the lamps of its photograph."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import drjit as dr
 import numpy as np
 
 from hagoromo.backend import Array3f, Float, arrays, clip, lookup
-from hagoromo.recovery.distance_field import COLOURS
 from hagoromo.recovery.lamp_table import LampTable
+from hagoromo.recovery.matter_field import COLOURS
 from hagoromo.recovery.unknown_light import UnknownLight
-from hagoromo.reflectance.torrance_sparrow import torrance_sparrow
+from hagoromo.reflectance.element import element_weights
 
 ALPHA = 1.0 / np.pi  # [1/sr]: body colours are then albedos
 FADE = 0.1  # cosθ_r below which light fades to 0: a sudden end has no derivative (6°)
-GLOSS = ("beta", "gamma", "n")  # what `SurfaceShading.gloss` holds, as ln β, ln γ, ln(n − 1)
+GLOSS = ("beta", "gamma", "n")  # what `NodeShading.gloss` holds, as ln β, ln γ, ln(n − 1)
 START = (0.5, 0.25, 1.5)
 
 
@@ -28,16 +28,19 @@ def figures(gloss: np.ndarray) -> tuple[float, float, float]:
     return float(beta), float(gamma), float(1.0 + n1)
 
 
-class SurfaceShading:
+class NodeShading:
     """Light of every lamp and colour, without shadows.
 
     lamps: those of all photographs. gloss: Float (3,), see `coordinates`, one material's. Without lamps body colours
     stand for the light that a place sends out, or for that over the irradiance of its normal under `unknown` light.
-    photograph: number of that of every ray, set before each march.
+    element: "plane", whose axis is the normal, or "cylinder", whose axis is the tangent of fibres. photograph: number of
+    that of every ray, set before each march.
     """
 
-    def __init__(self, lamps: LampTable, gloss: np.ndarray, unknown: UnknownLight | None = None) -> None:
-        self.lamps, self.unknown, self.photograph = lamps, unknown, arrays().UInt(0)
+    def __init__(
+        self, lamps: LampTable, gloss: np.ndarray, unknown: UnknownLight | None = None, element: str = "plane"
+    ) -> None:
+        self.lamps, self.unknown, self.element, self.photograph = lamps, unknown, element, arrays().UInt(0)
         self.set_gloss(gloss)
 
     def set_gloss(self, gloss: np.ndarray) -> None:
@@ -49,16 +52,16 @@ class SurfaceShading:
         """Numbers of what `__call__` gives."""
         return COLOURS * max(self.lamps.each, 1)
 
-    def __call__(self, place: Array3f, normal: Array3f, to_eye: Array3f, colours: list[Float]) -> list[Float]:
+    def __call__(self, place: Array3f, axis: Array3f, to_eye: Array3f, colours: list[Float]) -> list[Float]:
         """Radiance of every lamp and channel."""
         if not self.lamps.each:
-            return self._unlit(normal, colours)
+            return self._unlit(axis, colours)
         jit, light = arrays(), []
         beta, gamma, n1 = (dr.exp(dr.gather(jit.Float, self.gloss, jit.UInt(k))) for k in range(3))
-        fade = faded(dr.dot(normal, to_eye))
+        fade = faded(dr.dot(axis, to_eye)) if self.element == "plane" else 1.0  # fibres have no horizon
         for k in range(self.lamps.each):
             to_lamp, _, irradiance = self.lamps.arriving(self.photograph, k, place)
-            weights = torrance_sparrow(normal, to_lamp, to_eye, ALPHA, beta, gamma, 1.0 + n1)
+            weights = element_weights(self.element, axis, to_lamp, to_eye, ALPHA, beta, gamma, 1.0 + n1)
             body, interface = weights.body * fade, weights.interface * fade
             light += [irradiance[c] * dr.fma(body, colours[c], interface) for c in range(COLOURS)]
         return light

@@ -20,8 +20,8 @@ from hagoromo.files.content import digest
 from hagoromo.light.lamp import Lamp
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.photograph.transforms import record_from_lamp
-from hagoromo.recovery.distance_field import COLOURS
 from hagoromo.recovery.gloss_step import CORRELATED, robust
+from hagoromo.recovery.matter_field import COLOURS
 from hagoromo.recovery.pixel_table import Drawn, PixelTable
 
 if TYPE_CHECKING:

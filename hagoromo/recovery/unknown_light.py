@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from hagoromo.backend import Array3f, Float, UInt, arrays, lookup
 from hagoromo.matter.shape import unit
 from hagoromo.photograph.photograph import Photograph
-from hagoromo.recovery.distance_field import COLOURS, DistanceField
+from hagoromo.recovery.distance_field import DistanceField
+from hagoromo.recovery.matter_field import COLOURS
 
 Frame = Literal["object", "camera"]  # what the light is fixed to
 TERMS = 9  # of a polynomial of second order on the sphere

@@ -21,9 +21,10 @@ from hagoromo.files.array_tree import read_tree, write_tree
 from hagoromo.files.whole import whole_file
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.photograph.transforms import record_from_lamp
+from hagoromo.recovery.choices import FoundMatter
 from hagoromo.recovery.evidence import Evidence
 from hagoromo.recovery.look import FoundLook
-from hagoromo.recovery.recovered_shape import Shape
+from hagoromo.recovery.matter_shape import MatterShape
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,8 +36,8 @@ class Checkpoint:
 
     level: int
     step: int
-    shape: Shape
-    before: Shape
+    shape: MatterShape
+    before: MatterShape
     look: FoundLook
     random: str
 
@@ -44,11 +45,12 @@ class Checkpoint:
 @dataclass(frozen=True, eq=False)
 class KeptWork:
     """All that was found. key: of the photographs and settings. checkpoints: of each object on the way, by name. known:
-    what the photographs say of the first.
+    what the photographs say of the first. matter: the law that predicts better, where both were tried.
     """
 
     key: str
     look: FoundLook | None = None
+    matter: FoundMatter | None = None
     checkpoints: dict[str, Checkpoint] = field(default_factory=dict)
     known: Evidence | None = None
 

@@ -6,10 +6,12 @@ import pytest
 
 import hagoromo as hg
 from hagoromo.backend import arrays, evaluate, lookup
-from hagoromo.recovery.descent import BENDING, EIKONAL, smoothness_slope
-from hagoromo.recovery.distance_field import COLOURS, DistanceField
+from hagoromo.recovery.distance_field import DistanceField
+from hagoromo.recovery.matter_field import COLOURS
+from hagoromo.recovery.matter_march import LatticeRays
 from hagoromo.recovery.shading import faded
-from hagoromo.recovery.surface_march import LatticeRays, SurfaceMarch, depth_between, share_of
+from hagoromo.recovery.surface_march import SurfaceMarch, depth_between, share_of
+from hagoromo.recovery.surface_moves import BENDING, EIKONAL, smoothness_slope
 from hagoromo.recovery.unknown_light import TERMS, UnknownLight
 from hagoromo.reflectance.torrance_sparrow import torrance_sparrow
 
@@ -58,9 +60,9 @@ def even_steps():
 
     What is left out, thin pieces and the end of a ray, is less, so that a difference does not jump with it.
     """
-    march = "hagoromo.recovery.surface_march"
+    march = "hagoromo.recovery.matter_march"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(f"{march}.step_length", lambda distance, inverse: 0.7)
+        patch.setattr("hagoromo.recovery.surface_march.step_length", lambda distance, inverse: 0.7)
         patch.setattr(f"{march}.LEAST_DEPTH", 1e-7)
         patch.setattr(f"{march}.LAST_DEPTH", 14.0)
         yield

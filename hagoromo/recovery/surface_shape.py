@@ -1,4 +1,4 @@
-"""Shape: a distance, body colours and a gloss on a lattice, as plain arrays."""
+"""Surface shape: a distance, body colours and a gloss on a lattice, as plain arrays."""
 
 from __future__ import annotations
 
@@ -9,16 +9,18 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from hagoromo.errors import InputError
-from hagoromo.recovery.distance_field import COLOURS
+from hagoromo.recovery.distance_field import DistanceField
 from hagoromo.recovery.hull import redistanced, without_crumbs
 from hagoromo.recovery.lattice import Lattice
+from hagoromo.recovery.matter_field import COLOURS
 from hagoromo.recovery.shading import GLOSS, START, coordinates
 
+GREY = 0.4  # body colour of a hull
 SPLINE = 2  # degree of the spline that distances are
 
 
 @dataclass(frozen=True, eq=False)
-class Shape:
+class SurfaceShape:
     """An object on a lattice. distance: (nz, ny, nx) [voxel]. colours: (nz, ny, nx, 3). gloss: see `coordinates`."""
 
     lattice: Lattice
@@ -32,17 +34,29 @@ class Shape:
             raise InputError(f"distances, colours and gloss have the shapes {shapes}, nodes {self.lattice.shape}")
 
     @staticmethod
-    def of_hull(lattice: Lattice, hull: NDArray[np.floating]) -> Shape:
+    def of_hull(lattice: Lattice, hull: NDArray[np.floating]) -> SurfaceShape:
         """That of a hull: grey, and of usual gloss."""
-        grey = np.full((*hull.shape, COLOURS), 0.4, np.float32)
-        return Shape(lattice, redistanced(hull), grey, coordinates(*START))
+        grey = np.full((*hull.shape, COLOURS), GREY, np.float32)
+        return SurfaceShape(lattice, redistanced(hull), grey, coordinates(*START))
 
-    def finer(self, side: int) -> Shape:
+    def field(self) -> DistanceField:
+        """It on the device."""
+        return DistanceField(self.distance, self.colours)
+
+    def after(self, field: DistanceField, gloss: NDArray[np.float64]) -> SurfaceShape:
+        """What a descent from it has made of its field and gloss."""
+        return SurfaceShape(self.lattice, field.distances(), field.body_colours(), gloss)
+
+    def surface(self) -> SurfaceShape:
+        """It is one."""
+        return self
+
+    def finer(self, side: int) -> SurfaceShape:
         """The same on a lattice of `side` nodes around it: there distances have the values of the spline they are."""
         own = np.asarray(without_crumbs(self.distance), np.float64)
         lattice = self.lattice.around_surface(own, side)
         at = np.moveaxis(self.lattice.from_world(lattice.nodes())[..., ::-1], 3, 0)
         values = ndimage.map_coordinates(own, at, order=SPLINE, mode="nearest", prefilter=False)
         distance = np.asarray(ndimage.spline_filter(values * (self.lattice.voxel / lattice.voxel), order=SPLINE))
-        colours = [ndimage.map_coordinates(self.colours[..., c], at, order=1, mode="nearest") for c in range(COLOURS)]
-        return Shape(lattice, distance.astype(np.float32), np.stack(colours, axis=3).astype(np.float32), self.gloss)
+        colours = self.lattice.resampled(self.colours, lattice)
+        return SurfaceShape(lattice, distance.astype(np.float32), colours, self.gloss)

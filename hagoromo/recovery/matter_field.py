@@ -1,0 +1,156 @@
+"""Matter field: what nodes of a lattice hold, as kernels read it. Every law of matter has body colours at nodes.
+
+Lengths are in voxels, places in lattice coordinates (whole at nodes, x first). Colours are trilinear.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import drjit as dr
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.backend import Array3f, Float, Int64, UInt, arrays, clip, lookup
+
+if TYPE_CHECKING:
+    from hagoromo.recovery.matter_march import MatterMarch
+    from hagoromo.recovery.matter_moves import MatterMoves
+
+COLOURS = 3  # body colours of a node
+UNITS = 2.0**48  # of a gradient's 1: sums reach 3e4, and an addend is rounded to 4e-15
+
+
+class MatterField(ABC):
+    """A value, an axis and body colours at every place of a lattice; what these are is the law of the matter.
+
+    colours: Float (nodes · 3) body colours. Gradients are summed in whole units of 1 / UNITS, Int64: such sums do not
+    depend on the order of what is added, so that one seed gives one result, whatever the number of cores. All arrays
+    are fields of this object, so that Dr.Jit's loops do not take them into their state.
+    """
+
+    def __init__(self, colours: NDArray[np.floating]) -> None:
+        """colours: (nz, ny, nx, 3)."""
+        jit = arrays()
+        self.shape = colours.shape[:3]
+        self.colours = lookup(jit.Float, np.asarray(colours, np.float32))
+        nz, ny, nx = self.shape
+        self.rows = [dr.opaque(jit.UInt, each) for each in (1, nx, nx * ny)]
+        self.last = [dr.opaque(jit.Float, float(n - 2)) for n in (nx, ny, nz)]
+        self.no_gradients()
+
+    element: str  # of `hagoromo.reflectance.element`, that the axis is of
+
+    @abstractmethod
+    def march(self, shading: Any, softness: float, shadows: bool) -> MatterMarch:
+        """What rays see of this matter. softness: of a surface [voxel]."""
+
+    @abstractmethod
+    def moves(self) -> MatterMoves[Any]:
+        """How its numbers follow their gradients."""
+
+    @abstractmethod
+    def value_at(self, place: Array3f) -> Float:
+        """What opacity is by: a signed distance [voxel], or an extinction [1/voxel]."""
+
+    @abstractmethod
+    def axis_at(self, place: Array3f) -> Array3f:
+        """A vector along the axis of the elements, of any length: along a normal, or a tangent."""
+
+    @abstractmethod
+    def add_by_value(self, place: Array3f, by: Float) -> None:
+        """Add the gradient of by · value_at(place)."""
+
+    @abstractmethod
+    def add_by_axis(self, place: Array3f, by: Array3f) -> None:
+        """Add the gradient of by · axis_at(place)."""
+
+    def no_gradients(self) -> None:
+        """Gradients of 0."""
+        self.sums_by_colours = no_sums(dr.width(self.colours))
+
+    @property
+    def by_colours(self) -> Float:
+        """Float (nodes · 3), the gradient by body colours."""
+        return gradient_of(self.sums_by_colours)
+
+    def scale_colours(self, factors: NDArray[np.floating]) -> None:
+        """Multiply the body colours of all nodes, by a factor for each of the COLOURS."""
+        jit = arrays()
+        channel = dr.arange(jit.UInt, dr.width(self.colours)) % COLOURS
+        self.colours = self.colours * dr.gather(jit.Float, lookup(jit.Float, np.asarray(factors, np.float32)), channel)
+        dr.eval(self.colours)
+
+    def body_colours(self) -> NDArray[np.float32]:
+        """Body colours (nz, ny, nx, 3)."""
+        return np.array(self.colours).reshape(*self.shape, COLOURS)
+
+    def colours_at(self, place: Array3f) -> list[Float]:
+        """Body colours."""
+        jit, colours = arrays(), [arrays().Float(0)] * COLOURS
+        for node, weight in self.corner_nodes(place):
+            for c in range(COLOURS):
+                colours[c] = dr.fma(weight, dr.gather(jit.Float, self.colours, node * COLOURS + c), colours[c])
+        return colours
+
+    def nearest_node(self, place: Array3f) -> NDArray[np.int64]:
+        """Number of the node nearest to each place."""
+        z, y, x = (np.clip(np.rint(np.array(place[2 - k])), 0, self.shape[k] - 1).astype(np.int64) for k in range(3))
+        return (z * self.shape[1] + y) * self.shape[2] + x
+
+    def node_at(self, place: Array3f) -> UInt:
+        """Number of the node nearest to a place of the lattice."""
+        jit, node = arrays(), arrays().UInt(0)
+        for k in range(3):
+            node += jit.UInt(clip(dr.floor(place[k] + 0.5), 0.0, self.last[k] + 1.0)) * self.rows[k]
+        return node
+
+    def way_to_edge(self, place: Array3f, direction: Array3f, margin: float) -> Float:
+        """Way from a place along a direction to where the lattice ends, but for a margin [voxel]."""
+        jit, way = arrays(), arrays().Float(1e6)
+        for k in range(3):
+            end = dr.select(direction[k] > 0.0, self.last[k] + (1.0 - margin), margin)
+            step = (end - place[k]) / dr.select(dr.abs(direction[k]) > 1e-6, direction[k], jit.Float(1e-6))
+            way = dr.fmin(way, dr.fmax(step, 0.0))
+        return way
+
+    def add_by_colours(self, place: Array3f, by: list[Float]) -> None:
+        """Add the gradient of Σ by · colours_at(place)."""
+        for node, weight in self.corner_nodes(place):
+            for c in range(COLOURS):
+                add_to(self.sums_by_colours, node * COLOURS + c, weight * by[c])
+
+    def corner_nodes(self, place: Array3f) -> Iterator[tuple[UInt, Float]]:
+        """Number and weight of each node of the cell around a place."""
+        jit = arrays()
+        first, weights = jit.UInt(0), []
+        for k in range(3):
+            low = clip(dr.floor(dr.detach(place[k])), 0.0, self.last[k])
+            t = clip(place[k] - low, 0.0, 1.0)
+            weights.append([1.0 - t, t])
+            first += jit.UInt(low) * self.rows[k]
+        for z in range(2):
+            for y in range(2):
+                row, both = first + self.rows[2] * z + self.rows[1] * y, weights[1][y] * weights[2][z]
+                for x in range(2):
+                    yield row + x, both * weights[0][x]
+
+
+def no_sums(count: int) -> Int64:
+    """Sums of 0, for a gradient by `count` numbers."""
+    sums = dr.zeros(arrays().Int64, count)
+    dr.make_opaque(sums)
+    return sums
+
+
+def gradient_of(sums: Int64) -> Float:
+    """The gradient that sums are of."""
+    return arrays().Float(sums) * (1.0 / UNITS)
+
+
+def add_to(target: Int64, index: UInt, value: Float) -> None:
+    """target[index] += value, by copies of the target for each core: few cores then do not wait for each other."""
+    units = arrays().Int64(value * UNITS)
+    dr.scatter_reduce(dr.ReduceOp.Add, target, units, index, mode=dr.ReduceMode.Expand)
