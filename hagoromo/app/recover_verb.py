@@ -14,7 +14,7 @@ from hagoromo.app.verb import Force, Out, Written, say, verb, verbs, wrote
 from hagoromo.errors import InputError
 from hagoromo.files.record import write_json
 from hagoromo.files.whole import replaceable_files, replaceable_folder, whole_files
-from hagoromo.recovery.choices import AUTO, Light
+from hagoromo.recovery.choices import AUTO, Light, MatterChoice
 
 
 def recovery_files(out: Path) -> Written:
@@ -35,6 +35,7 @@ def recover(
     seed: int = 0,
     light: Light = "auto",
     refine: str = AUTO,
+    matter: MatterChoice = "surface",
     resume: bool = False,
     force: Force = False,
 ) -> None:
@@ -52,7 +53,7 @@ def recover(
         shadows: whether the object's shadows on itself are taken into account.
         errors: whether each half of the photographs gives an object of its own, too, so that the errors of places are
             known: that doubles the time.
-        voxels: of the box along its longest edge (default: three a node, up to 768).
+        voxels: of the box along its longest edge (default: three a node, up to 768; of fuzzy matter one a node).
         seed: of the pixels that are drawn.
         light: of photographs without lamps, what it is fixed to: the object; the camera (lamps move with it, or the
             object turns before it); even: the object, and body colours alone hold it. auto tries all three and takes
@@ -61,6 +62,8 @@ def recover(
             together, as of a principal point that is some pixels wrong; cameras: a small turn and shift of each;
             lamps: a factor on the strength of each; exposure: a factor on each photograph; places: a shift of each
             lamp. none: nothing. auto: a turn, where no lamps are known, if it predicts better.
+        matter: surface; fuzzy: fibres without a surface, such as fur and down, a free density with axes and colours of
+            its own; auto tries both on a coarse lattice and takes the one that predicts better.
         resume: go on from BOX.checkpoint.npz, with the same capture and options. The result has the same bits.
     """
     if out.suffix != ".zarr":
@@ -72,7 +75,15 @@ def recover(
     replaceable_folder(box, force)
     replaceable_files(beside, force)
     settings = hg.RecoverySettings(
-        side=side, steps=steps, keep=keep, shadows=shadows, errors=errors, seed=seed, light=light, refine=refine
+        side=side,
+        steps=steps,
+        keep=keep,
+        shadows=shadows,
+        errors=errors,
+        seed=seed,
+        light=light,
+        refine=refine,
+        matter=matter,
     )
     if not resume:
         checkpoint.unlink(missing_ok=True)
@@ -102,6 +113,8 @@ def _check_begun(checkpoint: Path, resume: bool, force: bool) -> None:
 def summary(record: dict[str, Any]) -> list[str]:
     """What is said of a recovery."""
     lines = [f"{record['photographs']} photographs, nodes of {1e3 * record['voxel_m']:.3g} mm"]
+    if tried := record["matter_tried_db"]:
+        lines.append(f"matter {record['matter']}; tried: " + ", ".join(f"{k} {db:.2f} dB" for k, db in tried.items()))
     if material := record["material"]:
         known = [key for key, is_known in material["identifiable"].items() if is_known]
         found = ", ".join(f"{key} {material[key]:.3g}" for key in ("beta", "gamma", "n"))

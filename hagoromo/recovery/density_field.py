@@ -26,7 +26,7 @@ class DensityField(MatterField):
     outside. It has no gradient.
     """
 
-    element = "cylinder"
+    element, shown_around = "cylinder", 2
 
     def __init__(
         self,
@@ -57,7 +57,7 @@ class DensityField(MatterField):
         return gradient_of(self.sums_by_axes)
 
     def march(self, shading: Any, softness: float, shadows: bool) -> FuzzyMarch:
-        """What rays see of the fibres, with their shadows. Nothing is soft that could be sharp: softness has no part."""
+        """What rays see of the fibres, with their shadows; no surface is soft."""
         return FuzzyMarch(self, shading, shadows)
 
     def moves(self) -> FuzzyMoves:

@@ -84,8 +84,8 @@ class Descent:
     ) -> None:
         """`steps` steps, each by `chunks` chunks of pixels; s falls from the first softness to the last [voxel].
 
-        rate: of the values of the field, in the first step. keep: is called before a step for which the nodes that move are
-        chosen anew. first: such a step, to go on from.
+        rate: of the values of the field, in the first step. keep: is called before a step for which the nodes that move
+        are chosen anew. first: such a step, to go on from.
         """
         total = self.pixels.count // CHUNK
         for k in range(first, steps):

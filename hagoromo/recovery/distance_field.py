@@ -29,7 +29,7 @@ class Stencil(NamedTuple):
 class DistanceField(MatterField):
     """distance: Float (nodes,) signed distance [voxel], negative inside. The axis is its slope, along the normal."""
 
-    element = "plane"
+    element, shown_around = "plane", 0
 
     def __init__(self, distance: NDArray[np.floating], colours: NDArray[np.floating]) -> None:
         """distance: (nz, ny, nx). colours: (nz, ny, nx, 3)."""

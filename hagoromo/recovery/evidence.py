@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from hagoromo.least_squares.loss import NORMAL_95
 from hagoromo.recovery.descent import Descent
@@ -75,7 +76,8 @@ def evidence_of(descent: Descent, coarser: NDArray[np.floating] | None = None) -
     gloss = _gloss_covariance(slopes, copies) if descent.lamps.each else np.zeros((3, 3))
     if coarser is not None and descent.lamps.each:
         gloss = gloss + np.diag((descent.gloss - coarser) ** 2)
-    return Evidence(gloss, _photographs(slopes, count).reshape(shape))
+    photographs = _photographs(slopes, count).reshape(shape)
+    return Evidence(gloss, ndimage.maximum_filter(photographs, 1 + 2 * descent.field.shown_around))
 
 
 def _photographs(slopes: Slopes, count: int) -> NDArray[np.int32]:

@@ -47,9 +47,10 @@ class FuzzyMarch(MatterMarch):
         return 0.5 * (piece.first + piece.second) * piece.length
 
     def share_of(self, piece: Piece) -> Float:
-        """Where the mean of exp(−depth) is reached."""
-        total = dr.fmax(piece.first + piece.second, 1e-9)
-        return share_at_depth(centroid(self.depth_of(piece)), (piece.second - piece.first) / total)
+        """Where the mean of exp(−depth) is reached; it is held, as shadows begin there."""
+        first, second = dr.detach(piece.first), dr.detach(piece.second)
+        depth = centroid(0.5 * (first + second) * piece.length)
+        return share_at_depth(depth, (second - first) / dr.fmax(first + second, 1e-9))
 
     def arriving(self, place: Array3f) -> list[Float] | None:
         """Share of each lamp's light that arrives at a place."""

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.backend import Array3f, Float, Int64, UInt, arrays, clip, lookup
+from hagoromo.reflectance.element import Element
 
 if TYPE_CHECKING:
     from hagoromo.recovery.matter_march import MatterMarch
@@ -41,7 +42,8 @@ class MatterField(ABC):
         self.last = [dr.opaque(jit.Float, float(n - 2)) for n in (nx, ny, nz)]
         self.no_gradients()
 
-    element: str  # of `hagoromo.reflectance.element`, that the axis is of
+    element: Element  # that the axis is of
+    shown_around: int  # nodes around the mean place of a ray that it shows, too
 
     @abstractmethod
     def march(self, shading: Any, softness: float, shadows: bool) -> MatterMarch:

@@ -1,4 +1,4 @@
-"""Matter moves: how the numbers of a field follow their gradients, by Adam; body colours do so in every law of matter."""
+"""Matter moves: how the numbers of a field follow their gradients, by Adam; body colours do so in every law."""
 
 from __future__ import annotations
 

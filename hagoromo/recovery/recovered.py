@@ -96,8 +96,8 @@ class Recovered:
     three. complete: whether the recovery came to its end; it was interrupted otherwise. look: what was estimated
     beside the object; `photographs` and `kept` have the cameras and lamps that were found. fuzzy: the density of matter
     that has no surface, on the same lattice; `distance` is then that to the surface that stands for it, where the
-    clearest way out has the optical depth ½. None: the matter is a surface. matter_tried: PSNR [dB] of each law of matter
-    that was tried.
+    clearest way out has the optical depth ½. None: the matter is a surface. matter_tried: PSNR [dB] of each law that
+    was tried.
     """
 
     lattice: Lattice
@@ -161,7 +161,7 @@ class Recovered:
         return self.rendering.picture(photograph, self.lattice)
 
     def normals(self, photograph: Photograph) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
-        """Unit normals of the surface, or axes of fibres, that a photograph shows (h, w, 3), world axes, and the opacity (h, w)."""
+        """Unit normals, or axes of fibres, that a photograph shows (h, w, 3), world axes, and the opacity (h, w)."""
         return self.rendering.normals(photograph, self.lattice)
 
     def places(self, photograph: Photograph) -> tuple[NDArray[np.int64], NDArray[np.float32]]:

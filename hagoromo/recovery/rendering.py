@@ -101,7 +101,7 @@ class Rendering:
         return np.stack(channels, axis=1).reshape(*size, COLOURS), light.opacity.reshape(size)
 
     def normals(self, photograph: Photograph, lattice: Lattice) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
-        """Unit normals of the surface, or axes of fibres, that a camera sees (h, w, 3), and the opacity (h, w) there."""
+        """Unit normals, or axes of fibres, that a camera sees (h, w, 3), and the opacity (h, w) there."""
         place, opacity = self._places(photograph, lattice)
         normals = np.array(unit(self.field.axis_at(place)), np.float64).T
         return normals.reshape(*opacity.shape, 3), opacity

@@ -33,8 +33,8 @@ class NodeShading:
 
     lamps: those of all photographs. gloss: Float (3,), see `coordinates`, one material's. Without lamps body colours
     stand for the light that a place sends out, or for that over the irradiance of its normal under `unknown` light.
-    element: "plane", whose axis is the normal, or "cylinder", whose axis is the tangent of fibres. photograph: number of
-    that of every ray, set before each march.
+    element: "plane", whose axis is the normal, or "cylinder", whose axis is the tangent of fibres. photograph: number
+    of that of every ray, set before each march.
     """
 
     def __init__(

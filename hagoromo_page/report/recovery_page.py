@@ -46,6 +46,7 @@ def write_recovery_report(path: Path, recovered: Recovered, record: dict[str, An
         normals=[_normals(recovered, p) for p in views],
         errors=[_errors(recovered, p, reach) for p in views] if reach else [],
         lit=recovered.lit,
+        fuzzy=recovered.fuzzy is not None,
         stated=recovered.stated,
         shadows=bool(record["hagoromo"]["settings"]["shadows"]),
         complete=recovered.complete,
@@ -64,6 +65,9 @@ def _found(recovered: Recovered, record: dict[str, Any]) -> list[str]:
             f"normal {_both(normal, 180.0 / np.pi)}°, body colour {_both(colour, 100.0)} %."
         )
         said.append(f"{100.0 * errors['never_shown']:.1f} % of the surface is in no photograph: it is closed smoothly.")
+    if tried := record["matter_tried_db"]:
+        words = ", ".join(f"{law} {db:.2f} dB" for law, db in tried.items())
+        said.append(f"The matter is {record['matter']}. A first look tried: {words}.")
     if not recovered.lit:
         tried = ", ".join(f"{kind} {db:.2f} dB" for kind, db in record["lights_tried_db"].items())
         said.append(f"The light is {record['lamps']}." + (f" A first look tried: {tried}." if tried else ""))
@@ -117,7 +121,7 @@ def _shown(recovered: Recovered, kept: ObjectView) -> dict[str, Any]:
 
 
 def _normals(recovered: Recovered, photograph: Photograph) -> Any:
-    """The normals that a view shows, in its camera's axes: right red, up green, towards the camera blue."""
+    """The normals, or axes of fibres, that a view shows, in its camera's axes: right red, up green, towards the camera blue."""
     normals, opacity = recovered.normals(photograph)
     camera = photograph.camera.world_to_camera[:3, :3]
     local = normals @ camera.T * np.array([1.0, -1.0, -1.0])
@@ -127,7 +131,7 @@ def _normals(recovered: Recovered, photograph: Photograph) -> Any:
     pixels = (255.0 * np.clip(picture[crop], 0.0, 1.0)).astype(np.uint8)
     times = max(round(PHOTOGRAPH_WIDTH_PX / 2 / pixels.shape[1]), 1)
     shown = pixels.repeat(times, axis=0).repeat(times, axis=1)
-    return page_picture(shown, f"normals seen in {photograph.name}", photograph.name, lossless=True)
+    return page_picture(shown, f"{'axes' if recovered.fuzzy else 'normals'} seen in {photograph.name}", photograph.name, lossless=True)
 
 
 def _errors(recovered: Recovered, photograph: Photograph, reach: float) -> str:
