@@ -12,7 +12,8 @@ import argparse
 import json
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
+from functools import cache
 from pathlib import Path
 from statistics import NormalDist
 from typing import Any, NamedTuple
@@ -22,6 +23,8 @@ from numpy.typing import NDArray
 
 import hagoromo as hg
 from hagoromo.backend import vectors
+from hagoromo.recovery.export import conserving
+from studies.fuzzy_scenes import down, fur, fuzzy_simulated
 from studies.real_captures import REAL
 from studies.recover_scenes import Shots, Simulated, Truth, aligned, around, misstated, near_lamp, shots, simulated
 
@@ -98,6 +101,55 @@ CASES = {
     "wrong": Case("the same, poses half a pixel and strengths 3 % wrong", wrong_dome),
     "refined": Case("the same, cameras and lamps refined", wrong_dome, refine="cameras,lamps"),
 }
+
+
+@dataclass(frozen=True)
+class FuzzyRow:
+    """Scores of fuzzy matter. matter: the law that it was recovered by. new, far: see `Row`. box: how much worse its box
+    shows the latter through `render` [dB].
+    """
+
+    case: str
+    side: int
+    matter: str
+    new: float
+    far: float
+    box: float
+    seconds: float
+
+
+FUZZY_CASES = {
+    f"{name}_{law}": (made, law) for name, made in (("down", down), ("fur", fur)) for law in ("fuzzy", "surface")
+}
+FUZZY_SIDE, FUZZY_STEPS, FUZZY_RAYS = 32, 60, 1 << 13  # of a recovery of fuzzy matter
+
+
+@cache
+def fuzzy_captures(made: Callable[[], hg.VolumeBox]) -> tuple[Simulated, Simulated, Simulated]:
+    """Photographs of a box with noise, and exact ones under new lamps like those, and from the side."""
+    box = made()
+    used = fuzzy_simulated(box, shots(36, 5, 60, SEED), SEED)
+    new, far = shots(6, 5, 60, 2), shots(6, 80, 110, 3)
+    return used, fuzzy_simulated(box, new, noise=False), fuzzy_simulated(box, far, noise=False)
+
+
+def measured_fuzzy(case: str) -> FuzzyRow:
+    """Recover fuzzy matter from 36 views, a near lamp each, and compare it with six new views and lamps of each kind."""
+    made, law = FUZZY_CASES[case]
+    capture, new, far = fuzzy_captures(made)
+    settings = hg.RecoverySettings(FUZZY_SIDE, FUZZY_STEPS, FUZZY_RAYS, keep=0, errors=False, matter=law)
+    begin = time.process_time()
+    found = hg.recover(capture.capture, settings)
+    seconds, scores = time.process_time() - begin, (psnr(found, new), psnr(found, far))
+    shown, peak = found.box(), max(float(exact.max()) for exact in far.exact)
+    (_, dim), errors = conserving(found), []
+    for p, exact in zip(far.capture.photographs, far.exact, strict=True):
+        assert p.camera.response is not None
+        lamps = tuple(replace(lamp, intensity=float(np.mean(lamp.intensity)) / dim) for lamp in p.lamps)
+        image = hg.render(hg.Scene(p.camera, lamps, boxes=(shown,)), hg.Settings(samples=4))
+        errors.append(np.mean((image.expose(p.camera.response) - exact) ** 2))
+    through_box = float(10.0 * np.log10(peak**2 / np.mean(errors)))
+    return FuzzyRow(case, FUZZY_SIDE, found.matter, *scores, scores[1] - through_box, seconds)
 
 
 def measured(case: str, given: Case, aside: tuple[Simulated, Simulated], truth: Truth, **settings: Any) -> Row:
@@ -216,7 +268,7 @@ def main() -> None:
     """Run the study."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--only", nargs="*", default=list(CASES))
+    parser.add_argument("--only", nargs="*", default=[*CASES, *FUZZY_CASES])
     parser.add_argument("--data", type=Path, help="folder of real captures of unknown light")
     parser.add_argument("--real", nargs="*", default=list(REAL), choices=list(REAL), help="which of them")
     parser.add_argument("--refine", default="auto", help="of real captures: see `hagoromo recover`")
@@ -228,7 +280,9 @@ def main() -> None:
     far = simulated(truth, shots(8, 80, 110, 3), noise=False)
     rows: list[dict[str, Any]] = []
     for name in given.only:
-        rows.append(asdict(measured(name, CASES[name], (new, far), truth)))
+        rows.append(
+            asdict(measured_fuzzy(name) if name in FUZZY_CASES else measured(name, CASES[name], (new, far), truth))
+        )
         print(json.dumps(rows[-1]), flush=True)
     for name in given.real if given.data else ():
         rows.append(real(name, given.data, given.side, given.refine))

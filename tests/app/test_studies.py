@@ -38,7 +38,16 @@ INSIDE = {  # modules of the package that a study takes apart, and why no public
     "closely.py": {"image.film.film"},
     # exact shapes by signed distances, and light by the law itself, sphere-traced on the device
     "recover_scenes.py": {"backend", "matter", "reflectance.torrance_sparrow"},
-    "recovery.py": {"backend"},
+    "recovery.py": {"backend", "recovery.export"},
+    # matter with fields of its own, and a box of fibres without its recipe's floor
+    "fuzzy_scenes.py": {
+        "backend",
+        "image.relight.stage",
+        "matter",
+        "reflectance.spectra.body_basis",
+        "volume.box_header",
+        "volume.store.plan",
+    },
     # a pattern on a table, at any point in space, and JPEG files as cameras write them
     "all_around.py": {"backend", "light.colour", "matter"},
     # photographs beside cameras of another program, read as sRGB, and their masks
