@@ -9,11 +9,11 @@ against exact light. Outside a stated mask a photograph counts as black. Timings
 from __future__ import annotations
 
 import argparse
+import functools
 import json
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import cache
 from pathlib import Path
 from statistics import NormalDist
 from typing import Any, NamedTuple
@@ -30,6 +30,7 @@ from studies.recover_scenes import Shots, Simulated, Truth, aligned, around, mis
 
 Array = NDArray[np.float64]
 SEED = 1
+NEAR, FAR = (5.0, 60.0), (80.0, 110.0)  # ° off the eye, of lamps like those taken, and of those from the side
 TWO_SIDED = NormalDist().inv_cdf(0.975)  # standard errors of a 95 % interval
 
 
@@ -105,8 +106,8 @@ CASES = {
 
 @dataclass(frozen=True)
 class FuzzyRow:
-    """Scores of fuzzy matter. matter: the law that it was recovered by. new, far: see `Row`. box: how much worse its box
-    shows the latter through `render` [dB].
+    """Scores of fuzzy matter. matter: the law that it was recovered by. new, far: see `Row`. box: how much worse its
+    box shows the latter through `render` [dB].
     """
 
     case: str
@@ -124,17 +125,17 @@ FUZZY_CASES = {
 FUZZY_SIDE, FUZZY_STEPS, FUZZY_RAYS = 32, 60, 1 << 13  # of a recovery of fuzzy matter
 
 
-@cache
+@functools.cache
 def fuzzy_captures(made: Callable[[], hg.VolumeBox]) -> tuple[Simulated, Simulated, Simulated]:
     """Photographs of a box with noise, and exact ones under new lamps like those, and from the side."""
     box = made()
     used = fuzzy_simulated(box, shots(36, 5, 60, SEED), SEED)
-    new, far = shots(6, 5, 60, 2), shots(6, 80, 110, 3)
+    new, far = shots(6, *NEAR, 2), shots(6, *FAR, 3)
     return used, fuzzy_simulated(box, new, noise=False), fuzzy_simulated(box, far, noise=False)
 
 
 def measured_fuzzy(case: str) -> FuzzyRow:
-    """Recover fuzzy matter from 36 views, a near lamp each, and compare it with six new views and lamps of each kind."""
+    """Recover fuzzy matter from 36 views, a near lamp each, and compare it with six new views of each kind."""
     made, law = FUZZY_CASES[case]
     capture, new, far = fuzzy_captures(made)
     settings = hg.RecoverySettings(FUZZY_SIDE, FUZZY_STEPS, FUZZY_RAYS, keep=0, errors=False, matter=law)
@@ -150,6 +151,12 @@ def measured_fuzzy(case: str) -> FuzzyRow:
         errors.append(np.mean((image.expose(p.camera.response) - exact) ** 2))
     through_box = float(10.0 * np.log10(peak**2 / np.mean(errors)))
     return FuzzyRow(case, FUZZY_SIDE, found.matter, *scores, scores[1] - through_box, seconds)
+
+
+@functools.cache
+def kept_aside(truth: Truth) -> tuple[Simulated, Simulated]:
+    """Exact photographs of new views, under new lamps like those taken, and under lamps from the side."""
+    return simulated(truth, shots(8, *NEAR, 2), noise=False), simulated(truth, shots(8, *FAR, 3), noise=False)
 
 
 def measured(case: str, given: Case, aside: tuple[Simulated, Simulated], truth: Truth, **settings: Any) -> Row:
@@ -276,12 +283,12 @@ def main() -> None:
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
     truth = Truth()
-    new = simulated(truth, shots(8, 5, 60, 2), noise=False)
-    far = simulated(truth, shots(8, 80, 110, 3), noise=False)
     rows: list[dict[str, Any]] = []
     for name in given.only:
         rows.append(
-            asdict(measured_fuzzy(name) if name in FUZZY_CASES else measured(name, CASES[name], (new, far), truth))
+            asdict(
+                measured_fuzzy(name) if name in FUZZY_CASES else measured(name, CASES[name], kept_aside(truth), truth)
+            )
         )
         print(json.dumps(rows[-1]), flush=True)
     for name in given.real if given.data else ():

@@ -93,6 +93,21 @@ def interrupting(method, call):
     return called
 
 
+def test_fuzzy_matter_is_written_as_a_box_of_fibres(capture, tmp_path):
+    import trimesh
+
+    out = tmp_path / "fuzzy.zarr"
+    words = ["--side", "16", "--steps", "2", "--matter", "fuzzy"]
+    assert main(["recover", str(capture), "--out", str(out), *words]) == 0
+    box = hg.VolumeBox.load(out)
+    assert box.extinction == "isotropic" and box.materials[0].element == "cylinder" and box.bricks.kept > 0
+    assert len(trimesh.load_mesh(out.with_suffix(".ply")).faces) > 50
+    record = json.loads(out.with_suffix(".json").read_text())
+    assert record["matter"] == "fuzzy" and record["matter_tried_db"] == {} and record["complete"]
+    assert 0.0 < record["errors"]["position_m"][0] < 0.02 and record["material"]["interval_95"]
+    assert "Axes of fibres" in out.with_suffix(".html").read_text()
+
+
 def test_nothing_that_is_there_is_replaced_without_force(capture, written, capsys):
     assert main(["recover", str(capture), "--out", str(written), *QUICK]) == 2
     assert "object.zarr" in capsys.readouterr().err

@@ -92,6 +92,22 @@ def test_one_seed_gives_the_same_bits_whatever_the_cores(taken):
         assert np.array_equal(getattr(found[0], name), getattr(found[1], name))
 
 
+@pytest.mark.nightly
+def test_work_that_was_interrupted_ends_with_the_same_bits(taken, tmp_path):
+    settings = replace(SETTINGS, side=16, steps=34)
+    whole, work = hg.recover(taken.capture, settings).fuzzy, tmp_path / "work.npz"
+
+    def stop(share, step=""):
+        if share > 31.5 / 34.0:  # after the nodes that move were chosen anew
+            raise KeyboardInterrupt
+
+    assert not hg.recover(taken.capture, settings, stop, work).complete
+    again = hg.recover(taken.capture, settings, work=work)
+    assert again.complete and not work.exists()
+    for name in ("density", "axes", "colours", "reach", "gloss"):
+        assert np.array_equal(getattr(again.fuzzy, name), getattr(whole, name))
+
+
 def test_bad_input_is_one_line(taken):
     with pytest.raises(hg.InputError, match="matter is 'fur': give surface, fuzzy, auto"):
         hg.RecoverySettings(matter="fur")  # type: ignore[arg-type]
