@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 import hagoromo as hg
 from hagoromo.backend import vectors
+from hagoromo.recovery.choices import MatterChoice
 from hagoromo.recovery.export import conserving
 from studies.fuzzy_scenes import down, fur, fuzzy_simulated
 from studies.real_captures import REAL
@@ -119,9 +120,10 @@ class FuzzyRow:
     seconds: float
 
 
-FUZZY_CASES = {
-    f"{name}_{law}": (made, law) for name, made in (("down", down), ("fur", fur)) for law in ("fuzzy", "surface")
-}
+FUZZY_CASES: dict[str, tuple[Callable[[], hg.VolumeBox], MatterChoice]] = {
+    "down_fuzzy": (down, "fuzzy"), "down_surface": (down, "surface"), "fur_fuzzy": (fur, "fuzzy"),
+    "fur_surface": (fur, "surface"),
+}  # fmt: skip
 FUZZY_SIDE, FUZZY_STEPS, FUZZY_RAYS = 32, 60, 1 << 13  # of a recovery of fuzzy matter
 
 
@@ -220,10 +222,10 @@ def shape_errors(found: hg.Recovered, aside: Simulated) -> Shown:
         for all_of in (aside.normals, aside.points)
     )
     at = places(found, points)
-    slope = np.array(found.rendering.field.slope_at(at), np.float64).T
+    slope = np.array(found.rendering.field.axis_at(at), np.float64).T
     slope /= np.linalg.norm(slope, axis=1, keepdims=True)
     angles = np.degrees(np.arccos(np.clip(np.einsum("ni,ni->n", slope, normals), -1.0, 1.0)))
-    distances = np.abs(np.array(found.rendering.field.distance_at(at), np.float64)) * found.lattice.voxel
+    distances = np.abs(np.array(found.rendering.field.value_at(at), np.float64)) * found.lattice.voxel
     return Shown(points, distances, angles)
 
 

@@ -14,9 +14,7 @@ from numpy.typing import NDArray
 from hagoromo.backend import Array3f, Float, arrays, lookup
 from hagoromo.recovery.fuzzy_march import FuzzyMarch
 from hagoromo.recovery.fuzzy_moves import FuzzyMoves
-from hagoromo.recovery.matter_field import MatterField, add_to, gradient_of, no_sums
-
-AXES = 3  # numbers of an axis
+from hagoromo.recovery.matter_field import AXES, MatterField, add_to, gradient_of, no_sums
 
 
 class DensityField(MatterField):

@@ -58,22 +58,6 @@ class DistanceField(MatterField):
         """Signed distances (nz, ny, nx) [voxel]."""
         return np.array(self.distance).reshape(self.shape)
 
-    def value_at(self, place: Array3f) -> Float:
-        """Signed distance [voxel]."""
-        return self.distance_at(place)
-
-    def axis_at(self, place: Array3f) -> Array3f:
-        """Slope of the distance, outwards."""
-        return self.slope_at(place)
-
-    def add_by_value(self, place: Array3f, by: Float) -> None:
-        """Add the gradient of by · distance_at(place)."""
-        self.add_by_distance(place, by)
-
-    def add_by_axis(self, place: Array3f, by: Array3f) -> None:
-        """Add the gradient of by · slope_at(place)."""
-        self.add_by_slope(place, by)
-
     def stencil(self, place: Array3f) -> Stencil:
         """The nodes around a place; a place outside counts as the nearest one inside."""
         jit = arrays()
@@ -87,7 +71,7 @@ class DistanceField(MatterField):
             first += (jit.UInt(middle) - 1) * self.rows[k]
         return Stencil(first, weights, slopes)
 
-    def distance_at(self, place: Array3f) -> Float:
+    def value_at(self, place: Array3f) -> Float:
         """Signed distance [voxel]."""
         jit, s = arrays(), self.stencil(place)
         total = jit.Float(0)
@@ -101,7 +85,7 @@ class DistanceField(MatterField):
             total = dr.fma(s.weights[2][z], plane, total)
         return total
 
-    def slope_at(self, place: Array3f) -> Array3f:
+    def axis_at(self, place: Array3f) -> Array3f:
         """Gradient of the distance."""
         jit, s = arrays(), self.stencil(place)
         slope = [jit.Float(0)] * 3
@@ -117,8 +101,8 @@ class DistanceField(MatterField):
                 slope[2] = dr.fma(s.weights[1][y] * s.slopes[2][z], line, slope[2])
         return jit.Array3f(*slope)
 
-    def add_by_distance(self, place: Array3f, by: Float) -> None:
-        """Add the gradient of by · distance_at(place)."""
+    def add_by_value(self, place: Array3f, by: Float) -> None:
+        """Add the gradient of by · value_at(place)."""
         s = self.stencil(place)
         for z in range(3):
             for y in range(3):
@@ -126,8 +110,8 @@ class DistanceField(MatterField):
                 for x in range(3):
                     add_to(self.sums_by_distance, row + x, both * s.weights[0][x])
 
-    def add_by_slope(self, place: Array3f, by: Array3f) -> None:
-        """Add the gradient of by · slope_at(place)."""
+    def add_by_axis(self, place: Array3f, by: Array3f) -> None:
+        """Add the gradient of by · axis_at(place)."""
         s = self.stencil(place)
         for z in range(3):
             for y in range(3):

@@ -89,7 +89,7 @@ def _surface(shape: SurfaceShape, places: Array) -> OnSurface:
 
 def _looked_up(field: DistanceField, at: Array3f) -> tuple[Array, Array]:
     """Distance [voxel] and its slope (n, 3) at lattice places."""
-    return np.array(field.distance_at(at), np.float64), np.array(field.slope_at(at), np.float64).T
+    return np.array(field.value_at(at), np.float64), np.array(field.axis_at(at), np.float64).T
 
 
 def _angles(first: Array, second: Array) -> Array:

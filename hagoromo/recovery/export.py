@@ -60,14 +60,14 @@ def recovered_box(recovered: Recovered, side: int | None = None) -> VolumeBox:
 
     def matter(point: Any) -> tuple[Any, ...]:
         place = place_of(point)
-        distance = field.distance_at(place) * (1.0 / per_node)  # voxels of the box
+        distance = field.value_at(place) * (1.0 / per_node)  # voxels of the box
         there = coverage(distance + INWARDS, EDGE) * dr.select(distance > -SKIN, 1.0, 0.0)
-        on = place - unit(field.slope_at(place)) * (distance * per_node)  # of the surface, where colours are known
+        on = place - unit(field.axis_at(place)) * (distance * per_node)  # of the surface, where colours are known
         colours = [dr.fmin(each * scale, BRIGHTEST) for each in field.colours_at(on)]
-        return there, unit(field.slope_at(on)), jit.UInt(0), [*colours, jit.Float(0)]
+        return there, unit(field.axis_at(on)), jit.UInt(0), [*colours, jit.Float(0)]
 
     def occupied(middle: Any, radius: float) -> Any:
-        distance = field.distance_at(place_of(middle)) * (1.0 / per_node)
+        distance = field.value_at(place_of(middle)) * (1.0 / per_node)
         reach = 1.3 * radius / voxel + EDGE  # the distance is not exact
         return (distance < reach) & (distance > -SKIN - reach)
 
@@ -159,7 +159,7 @@ def recovered_mesh(recovered: Recovered) -> RecoveredMesh:
     corners, faces, _, _ = marching_cubes(values, 0.0)
     places = corners[:, ::-1].astype(np.float64)
     field, at = DistanceField(recovered.distance, recovered.colours), vectors(places)
-    normals = np.array(unit(field.slope_at(at)), np.float64).T
+    normals = np.array(unit(field.axis_at(at)), np.float64).T
     colours = np.stack([np.array(each, np.float64) for each in field.colours_at(at)], axis=1)
     vertices = recovered.lattice.to_world(places)
     corner = vertices[faces[:, :3]]

@@ -13,12 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.backend import Float, arrays, clip
+from hagoromo.recovery.matter_field import AXES
 from hagoromo.recovery.matter_moves import Adam, MatterMoves
 
 if TYPE_CHECKING:
+    from hagoromo.recovery.density_field import DensityField
     from hagoromo.recovery.pixel_table import Drawn
 
-AXES = 3  # numbers of an axis
 BESIDE = 1.0  # voxels from the reach within which nodes move
 LEAST, MOST = 2e-4, 8.0  # extinction [1/voxel]
 LARGEST_CHANGE = 0.5  # of the logarithm of an extinction in a step
@@ -27,9 +28,10 @@ AXIS_RATE = 0.06  # of an axis, in a level's first step
 OPACITY_EVENNESS, AXIS_EVENNESS, SPARSITY = 10.0, 3.0, 0.3
 
 
-class FuzzyMoves(MatterMoves["DensityField"]):
+class FuzzyMoves(MatterMoves):
     """Logarithms of extinctions move, and axes of unit length, wherever there may be matter."""
 
+    field: DensityField
     rates = 0.25, 0.12  # of the logarithm
 
     def choose(self) -> None:

@@ -13,7 +13,7 @@ from hagoromo.recovery.density_field import DensityField
 from hagoromo.recovery.fuzzy_moves import LEAST
 from hagoromo.recovery.hull import redistanced, signed_distance, way_to
 from hagoromo.recovery.lattice import Lattice
-from hagoromo.recovery.matter_field import COLOURS
+from hagoromo.recovery.matter_field import COLOURS, MatterField
 from hagoromo.recovery.shading import GLOSS, START, coordinates
 from hagoromo.recovery.surface_shape import GREY, SurfaceShape
 
@@ -58,8 +58,9 @@ class FuzzyShape:
         """It on the device."""
         return DensityField(self.density, self.axes, self.colours, self.reach)
 
-    def after(self, field: DensityField, gloss: NDArray[np.float64]) -> FuzzyShape:
+    def after(self, field: MatterField, gloss: NDArray[np.float64]) -> FuzzyShape:
         """What a descent from it has made of its field and gloss."""
+        assert isinstance(field, DensityField)
         return replace(
             self, density=field.densities(), axes=field.tangents(), colours=field.body_colours(), gloss=gloss
         )

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from hagoromo.recovery.matter_march import MatterMarch
     from hagoromo.recovery.matter_moves import MatterMoves
 
-COLOURS = 3  # body colours of a node
+COLOURS, AXES = 3, 3  # body colours of a node, and numbers of its axis
 UNITS = 2.0**48  # of a gradient's 1: sums reach 3e4, and an addend is rounded to 4e-15
 
 
@@ -50,7 +50,7 @@ class MatterField(ABC):
         """What rays see of this matter. softness: of a surface [voxel]."""
 
     @abstractmethod
-    def moves(self) -> MatterMoves[Any]:
+    def moves(self) -> MatterMoves:
         """How its numbers follow their gradients."""
 
     @abstractmethod

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.backend import Float, UInt, arrays, lookup
-from hagoromo.recovery.matter_field import COLOURS, MatterField
+from hagoromo.recovery.matter_field import COLOURS
 
 if TYPE_CHECKING:
     from hagoromo.recovery.pixel_table import Drawn
@@ -19,7 +19,6 @@ COLOUR_RATE = 0.06  # of a body colour, in a level's first step
 LEAST_COLOUR = 1e-4  # of a body colour
 EVENNESS = 30.0  # of the differences of body colours of neighbours, in units of a pixel's squared error: it decides
 # where pixels say nothing
-F = TypeVar("F", bound=MatterField)
 
 
 class Adam:
@@ -43,14 +42,14 @@ class Adam:
         return change
 
 
-class MatterMoves(ABC, Generic[F]):
+class MatterMoves(ABC):
     """The nodes of a field that move, and their steps. rates: of its values in the first step of the first level, which
     starts from the hull, and of others. `choose` comes first.
     """
 
     rates: tuple[float, float]
 
-    def __init__(self, field: F) -> None:
+    def __init__(self, field: Any) -> None:
         self.field = field
 
     def choose(self) -> None:

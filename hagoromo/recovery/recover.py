@@ -30,7 +30,7 @@ from hagoromo.recovery.silhouettes import views_of
 from hagoromo.recovery.work import Work
 
 LEAST_SIDE, LARGEST_SIDE = 16, 512  # nodes along the longest edge
-BYTES_PER_NODE = 90.0  # of all arrays together
+BYTES_PER_NODE: dict[Law, float] = {"surface": 90.0, "fuzzy": 200.0}  # of all arrays together
 LOOK_SHARE = 0.3  # of the work, that a first look is
 WHOLE, HALVES = "whole", ("first half", "second half")  # what there are checkpoints of
 WHOLE_SHARE = 0.55  # of the work, of what is not done for the errors
@@ -86,9 +86,10 @@ def recover(
     """Shape, body colours and gloss of an object, from photographs taken all around it under known lamps.
 
     The surface is the zero of a signed distance on a lattice, its body colour one of each node; β, γ and n of
-    Torrance–Sparrow are those of one material. They move until photographs are explained, by the derivative of their
-    light; each pixel counts by its variance. Photographs without lamps are those of fixed unknown light: the light that
-    a place sends out then stands for its body colour. Interrupted (KeyboardInterrupt), it gives what there is.
+    Torrance–Sparrow are those of one material. Fuzzy matter has an extinction and an axis of fibres at each node
+    instead. They move until photographs are explained, by the derivative of their light; each pixel counts by its
+    variance. Photographs without lamps are those of fixed unknown light: the light that a place sends out then stands
+    for its body colour. Interrupted (KeyboardInterrupt), it gives what there is.
     `InputError` for fewer than three views, silhouettes that meet nowhere, a lattice too large for the memory, and
     photographs of other than one or three channels.
 
@@ -194,7 +195,7 @@ def _levels(views: Views, settings: RecoverySettings, law: Law, look: Look, rays
     outlines, stated = outlines_of(seen), views[0].stated
     low, high = box_of(outlines, stated)
     finest = Lattice.around(low, high, settings.side)
-    require(BYTES_PER_NODE * float(np.prod(finest.shape)), f"a lattice of {settings.side} nodes along its edge")
+    require(BYTES_PER_NODE[law] * float(np.prod(finest.shape)), f"a lattice of {settings.side} nodes along its edge")
     sides = sides_of(settings.side)
     lattice = Lattice.around(low, high, sides[0])
     hull = hull_distance(outlines, lattice, stated)

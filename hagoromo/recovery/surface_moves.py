@@ -21,9 +21,10 @@ LARGEST_CHANGE = 0.3  # [voxel] of a distance in a step
 EIKONAL, BENDING = 2.0, 0.2  # of |∇d| from 1, and of the Laplacian of d, in units of a pixel's squared error
 
 
-class SurfaceMoves(MatterMoves["DistanceField"]):
+class SurfaceMoves(MatterMoves):
     """Distances near the surface move [voxel]; far ones are made distances again."""
 
+    field: DistanceField
     rates = 0.08, 0.05  # [voxel]
 
     def choose(self) -> None:

@@ -12,7 +12,7 @@ from hagoromo.errors import InputError
 from hagoromo.recovery.distance_field import DistanceField
 from hagoromo.recovery.hull import redistanced, without_crumbs
 from hagoromo.recovery.lattice import Lattice
-from hagoromo.recovery.matter_field import COLOURS
+from hagoromo.recovery.matter_field import COLOURS, MatterField
 from hagoromo.recovery.shading import GLOSS, START, coordinates
 
 GREY = 0.4  # body colour of a hull
@@ -43,8 +43,9 @@ class SurfaceShape:
         """It on the device."""
         return DistanceField(self.distance, self.colours)
 
-    def after(self, field: DistanceField, gloss: NDArray[np.float64]) -> SurfaceShape:
+    def after(self, field: MatterField, gloss: NDArray[np.float64]) -> SurfaceShape:
         """What a descent from it has made of its field and gloss."""
+        assert isinstance(field, DistanceField)
         return SurfaceShape(self.lattice, field.distances(), field.body_colours(), gloss)
 
     def surface(self) -> SurfaceShape:

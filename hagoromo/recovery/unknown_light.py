@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from hagoromo.backend import Array3f, Float, UInt, arrays, lookup
 from hagoromo.matter.shape import unit
 from hagoromo.photograph.photograph import Photograph
-from hagoromo.recovery.distance_field import DistanceField
-from hagoromo.recovery.matter_field import COLOURS
+from hagoromo.recovery.matter_field import COLOURS, MatterField
 
 Frame = Literal["object", "camera"]  # what the light is fixed to
 TERMS = 9  # of a polynomial of second order on the sphere
@@ -91,14 +90,14 @@ class UnknownLight:
             turned.append(sum(row[k] * normal[k] for k in range(3)))
         return jit.Array3f(*turned)
 
-    def fit(self, field: DistanceField, drawn: Any, light: Any, weights: Sequence[Float]) -> None:
+    def fit(self, field: MatterField, drawn: Any, light: Any, weights: Sequence[Float]) -> None:
         """Half a step to the coefficients that explain some pixels best. light: what they show (`SeenLight`).
 
         weights: of the pixels' channels. Body colours are scaled so that the mean of E stays 1.
         """
         with dr.suspend_grad():
             place = dr.fma(drawn.rays.direction, light.seen.way, drawn.rays.origin)
-            terms = harmonics(self._turned(drawn.photograph, unit(field.slope_at(place))))
+            terms = harmonics(self._turned(drawn.photograph, unit(field.axis_at(place))))
             colours = field.colours_at(place)
         opacity = light.opacity.astype(np.float64)
         hit = opacity > OPAQUE

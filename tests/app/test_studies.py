@@ -38,7 +38,7 @@ INSIDE = {  # modules of the package that a study takes apart, and why no public
     "closely.py": {"image.film.film"},
     # exact shapes by signed distances, and light by the law itself, sphere-traced on the device
     "recover_scenes.py": {"backend", "matter", "reflectance.torrance_sparrow"},
-    "recovery.py": {"backend", "recovery.export"},
+    "recovery.py": {"backend", "recovery.choices", "recovery.export"},
     # matter with fields of its own, and a box of fibres without its recipe's floor
     "fuzzy_scenes.py": {
         "backend",

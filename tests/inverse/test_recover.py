@@ -76,10 +76,10 @@ def test_the_surface_and_its_normals_are_the_true_ones(recovered, aside):
         there = np.isfinite(normals[..., 0])
         places = recovered.lattice.from_world(points[there])
         at = jit.Array3f(np.ascontiguousarray(places.T, np.float32))
-        slope = np.array(field.slope_at(at)).T
+        slope = np.array(field.axis_at(at)).T
         cosine = np.einsum("ni,ni->n", slope / np.linalg.norm(slope, axis=1, keepdims=True), normals[there])
         angles.append(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
-        distances.append(np.abs(np.array(field.distance_at(at))))
+        distances.append(np.abs(np.array(field.value_at(at))))
     assert np.median(np.concatenate(angles)) < 2.5  # degrees
     assert np.concatenate(distances).mean() < 0.35  # voxel
 
