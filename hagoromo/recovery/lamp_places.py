@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from hagoromo.files.content import digest
 from hagoromo.light.lamp import Lamp
 from hagoromo.photograph.photograph import Photograph
-from hagoromo.recovery.distance_field import COLOURS
 from hagoromo.recovery.gloss_step import CORRELATED, robust
 from hagoromo.recovery.lamp_table import LampTable
+from hagoromo.recovery.matter_field import COLOURS
 from hagoromo.recovery.pixel_table import PixelTable
 from hagoromo.recovery.rendering import Rendering, SeenLight
 from hagoromo.recovery.strengths import normal_equations
