@@ -26,7 +26,9 @@ INSIDE = 1.0  # [voxel] from the edge of the lattice where shadow rays end
 
 
 class SeenLight:
-    """What rays see. seen: without shadows. passed: share of each lamp's light that arrives. channels: of the sum."""
+    """What rays see. seen: without shadows of a surface. passed: share of each lamp's light that arrives at it.
+    channels: of the sum.
+    """
 
     def __init__(self, seen: Seen, passed: list[Float]) -> None:
         self.seen, self.passed = seen, passed
@@ -43,8 +45,9 @@ class SeenLight:
 class Rendering:
     """A field of matter, the shading of its places, and s [voxel], the softness of a surface.
 
-    shadows: whether the object keeps the light of lamps from itself. Their derivative is not taken: shadows are found
-    anew in each step, and held in it. strengths: factors on the light of lamps; None where they are as stated.
+    shadows: whether the object keeps the light of lamps from itself. Those on a surface have no derivative: they
+    are found anew in each step, and held in it. strengths: factors on the light of lamps; None where they are as
+    stated.
     """
 
     def __init__(
