@@ -121,7 +121,7 @@ def _shown(recovered: Recovered, kept: ObjectView) -> dict[str, Any]:
 
 
 def _normals(recovered: Recovered, photograph: Photograph) -> Any:
-    """The normals, or axes of fibres, that a view shows, in its camera's axes: right red, up green, towards the camera blue."""
+    """The normals, or axes of fibres, that a view shows, in its camera's axes: right red, up green, towards it blue."""
     normals, opacity = recovered.normals(photograph)
     camera = photograph.camera.world_to_camera[:3, :3]
     local = normals @ camera.T * np.array([1.0, -1.0, -1.0])
@@ -131,7 +131,8 @@ def _normals(recovered: Recovered, photograph: Photograph) -> Any:
     pixels = (255.0 * np.clip(picture[crop], 0.0, 1.0)).astype(np.uint8)
     times = max(round(PHOTOGRAPH_WIDTH_PX / 2 / pixels.shape[1]), 1)
     shown = pixels.repeat(times, axis=0).repeat(times, axis=1)
-    return page_picture(shown, f"{'axes' if recovered.fuzzy else 'normals'} seen in {photograph.name}", photograph.name, lossless=True)
+    what = "normals" if recovered.fuzzy is None else "axes"
+    return page_picture(shown, f"{what} seen in {photograph.name}", photograph.name, lossless=True)
 
 
 def _errors(recovered: Recovered, photograph: Photograph, reach: float) -> str:
