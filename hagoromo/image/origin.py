@@ -72,8 +72,7 @@ def depth_of_matter(scene: Scene) -> float:
     depth = corners @ scene.camera.world_to_camera[2, :3] + scene.camera.world_to_camera[2, 3]
     nearest, size = float(depth.min()), float(np.linalg.norm(np.ptp(corners, axis=0)))
     if scene.moving is not None:
-        still = [*lights, *(surface.corners() for surface in scene.surfaces)]
-        nearest = scene.moving.depth_of(scene.boxes, np.concatenate([np.zeros((0, 3)), *still]))
+        nearest = scene.moving.depth_of(scene.boxes, scene.surfaces, np.concatenate([np.zeros((0, 3)), *lights]))
     return nearest if nearest > FAR * size else 0.0
 
 

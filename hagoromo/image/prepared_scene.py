@@ -208,6 +208,8 @@ def _surfaces(scene: Scene, cache: SceneCache, origin: Origin) -> Surfaces | Non
     if not scene.surfaces:
         return None
     own = origin_of(scene.surfaces, scene.camera)
+    if scene.moving is not None and scene.moving.surfaces:
+        return Surfaces(scene.surfaces, own, scene.moving.surfaces).seen_from(origin)
     figures = (own.tobytes(), *(surface.figure for surface in scene.surfaces))
     return cache.get("surfaces", figures, lambda: Surfaces(scene.surfaces, own)).seen_from(origin)
 

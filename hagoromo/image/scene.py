@@ -29,8 +29,8 @@ PLACE_ERROR = 1e-3  # largest error of places in double precision, in voxels or 
 class Scene:
     """What is photographed, by which camera, under which lamps.
 
-    area_lamps: lamps with a size. environment: light from all around, where there is any. moving: how camera and boxes
-    move while the shutter is open, for mode path; None: all stands still.
+    area_lamps: lamps with a size. environment: light from all around, where there is any. moving: how camera, boxes
+    and surfaces move while the shutter is open, for mode path; None: all stands still.
     Raises `InputError` for a scene without lamps or matter, or a camera that sees nothing.
 
     >>> camera = hg.Camera(64, 48, (90, 90), (32, 24)).look_at(eye=(0, -1, 0.2), target=(0, 0, 0))
@@ -59,6 +59,16 @@ class Scene:
             _check_place(thing)
         if self.moving is not None and self.moving.boxes.shape[1] != len(self.boxes):
             raise InputError(f"{self.moving.boxes.shape[1]} boxes move, and the scene has {len(self.boxes)}: give all")
+        for number in self.moving.surfaces if self.moving else ():
+            if not 0 <= number < len(self.surfaces):
+                raise InputError(f"surface {number} moves, and the scene has {len(self.surfaces)}: count from 0")
+            surface = self.surfaces[number]
+            if surface.optics == "glass" or surface.emission is not None:
+                what = "is glass" if surface.optics else "gives off light"
+                raise InputError(
+                    f"surface {surface.name!r} {what}, and moves while the shutter is open: leave its keyframes out, "
+                    f"or render the mean of pictures at several times (--times 16)"
+                )
         if not any(_in_view(self.camera, thing.corners()) for thing in (*self.boxes, *self.surfaces)):
             where = np.round(self.camera.position, 4).tolist()
             raise InputError(f"the camera at {where} m looks at nothing: turn it towards the scene")
@@ -142,7 +152,7 @@ class Scene:
             "lamps": [record_from_lamp(lamp) for lamp in self.lamps],
             **({"area_lamps": [lamp.record() for lamp in self.area_lamps]} if self.area_lamps else {}),
             **({"environment": self.environment.record()} if self.environment else {}),
-            **({"moving": {"instants": len(self.moving.cameras)}} if self.moving else {}),
+            **({"moving": self.moving.record()} if self.moving else {}),
             "boxes": [
                 {
                     "name": box.name, "voxels": list(box.bricks.shape[::-1]), "voxel_size": box.voxel_size,

@@ -4,11 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import trimesh
 
 import hagoromo as hg
 from hagoromo.app.cli import BAD_INPUT, DONE, main
 from hagoromo.errors import InputError
 from hagoromo.files.content import content_with_named
+from hagoromo.files.png import write_png
 from hagoromo.image.film.film import FilmOrder, frame_image
 from hagoromo.image.film.motion import read_motion
 from hagoromo.image.film.shutter import scene_with_shutter
@@ -49,6 +51,18 @@ def moving_cube(way, camera_moves=False):
     return hg.Scene(camera, (hg.Lamp(to_lamp=(0, -1, 0)),), (box,), moving=moving)
 
 
+def moving_surface(way):
+    """The same of a square in the place of the front of the cube, before another that is too far below to be seen."""
+    scene = moving_cube(way)
+    pose = np.array([[0.5 * SIDE, 0, 0, 0.5 * SIDE], [0, 0, 1.0, 0], [0, -0.5 * SIDE, 0, 0.5 * SIDE], [0, 0, 0, 1.0]])
+    square = hg.Surface(replace(GREY, element="plane"), "rectangle", pose=pose)
+    below = replace(square, pose=square.pose - np.eye(4)[:, 2:3] @ np.eye(4)[3:] * 20.0)
+    assert scene.moving is not None
+    poses = moved(pose, scene.moving.boxes[:, 0, 0, 3] - scene.boxes[0].pose[0, 3])
+    moving = MovingScene(scene.moving.cameras, np.zeros((INSTANTS, 0, 4, 4)), {1: poses})
+    return replace(scene, boxes=(), surfaces=(below, square), moving=moving)
+
+
 def coverage(scene, samples=256):
     return hg.render(scene, hg.Settings(samples=samples), mode="path").alpha
 
@@ -60,10 +74,12 @@ def test_a_moving_edge_is_a_ramp():
     """
     at = (np.arange(WIDE) + 0.5 - 0.5 * WIDE) / FOCAL * AWAY + 0.5 * SIDE  # [m] on the front of the cube
     expected = np.clip(np.minimum(at / WAY, (SIDE + WAY - at) / WAY), 0.0, 1.0)
+    of_surface = coverage(moving_surface(WAY)).mean(axis=0)
     seen = coverage(moving_cube(WAY)).mean(axis=0)
     noise = np.sqrt(expected * (1.0 - expected) / (256 * TALL))
-    assert (np.abs(seen - expected) <= 4.0 * noise + AWAY / FOCAL / WAY / 8.0).all()
-    assert np.abs(seen - expected).mean() < 4e-3
+    for each in (seen, of_surface):
+        assert (np.abs(each - expected) <= 4.0 * noise + AWAY / FOCAL / WAY / 8.0).all()
+        assert np.abs(each - expected).mean() < 4e-3
     standing = coverage(moving_cube(1e-9)).mean(axis=0)
     assert ((standing < 0.01) | (standing > 0.99)).mean() > 0.95 and 0.2 < ((seen > 0.01) & (seen < 0.99)).mean()
 
@@ -125,8 +141,8 @@ def scene_file(tmp_path):
     axes[..., 2] = 1.0
     hg.VolumeBox.from_arrays(density, axes, 0.001, 3000.0, [GREY]).save(tmp_path / "cube.zarr")
 
-    def write(more):
-        (tmp_path / "scene.toml").write_text(SCENE + more)
+    def write(more, things=""):
+        (tmp_path / "scene.toml").write_text(SCENE.replace("[motion]", f"{things}[motion]") + more)
         return tmp_path / "scene.toml"
 
     return write
@@ -143,6 +159,54 @@ def test_a_picture_is_the_mean_of_those_at_several_times(scene_file):
     assert blocks_agree(other, y, noise + others[0], 4)
     assert not blocks_agree(sharp, y, noise + others[1], 4)
     assert several.metadata["times"] == 48 and blurred.metadata["scene"]["moving"] == {"instants": INSTANTS}
+
+
+PYRAMID = """
+[[surface]]
+name = "pyramid"
+mesh = "pyramid.ply"
+position = [0.02, 0.0, 0.0]
+reflectance = {alpha = 0.2, beta = 0.3, gamma = 0.2, n = 1.5, body_colour = 0.6}
+normal_texture = {file = "normals.png"}
+"""
+TURN_OF_PYRAMID = """
+[[motion.surface]]
+surface = "pyramid"
+time = 0.0
+position = [0.02, 0.0, 0.002]
+[[motion.surface]]
+surface = "pyramid"
+time = 0.4
+position = [-0.01, 0.01, 0.004]
+rotation_deg = [0.0, 30.0, 80.0]
+"""
+
+
+@pytest.fixture
+def scene_with_pyramid(scene_file, tmp_path):
+    """Beside the plank a pyramid with a map of normals and gloss, which flies and turns."""
+    corners = 0.008 * np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0], [0, 0, 1.5]])
+    faces = np.array([[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4], [0, 2, 1], [0, 3, 2]])
+    visual = trimesh.visual.TextureVisuals(uv=0.5 + corners[:, :2] / 0.016)
+    (tmp_path / "pyramid.ply").write_bytes(trimesh.Trimesh(corners, faces, process=False, visual=visual).export(
+        file_type="ply"))  # fmt: skip
+    x = np.linspace(-0.4, 0.4, 8)
+    normals = np.stack([*np.meshgrid(x, x), np.ones((8, 8))], axis=-1)
+    normals = 0.5 + 0.5 * normals / np.linalg.norm(normals, axis=-1, keepdims=True)
+    write_png(tmp_path / "normals.png", np.round(255.0 * normals).astype(np.uint8))
+    return scene_file(TURN + TURN_OF_PYRAMID, PYRAMID)
+
+
+def test_a_surface_that_moves_is_the_mean_of_those_at_several_times(scene_with_pyramid):
+    """Blocks in their noise, of all orders: its shadow and its relief turn with it."""
+    blurred = hg.render(scene_with_pyramid, hg.Settings(samples=768, seed=3), mode="path")
+    several = hg.render(scene_with_pyramid, hg.Settings(samples=16, seed=103), mode="path", times=48)
+    one = hg.render(scene_with_pyramid, hg.Settings(samples=768, seed=10), mode="path", times=1)
+    y, other, sharp = (image.xyz()[..., 1] for image in (blurred, several, one))
+    noise, *others = (np.asarray(image.variance) for image in (blurred, several, one))
+    assert blocks_agree(other, y, noise + others[0], 4)
+    assert not blocks_agree(sharp, y, noise + others[1], 4)
+    assert blurred.metadata["scene"]["moving"] == {"instants": INSTANTS, "surfaces": [1]}
 
 
 def test_times_are_the_middles_of_parts_of_the_open_shutter(scene_file):
@@ -210,6 +274,23 @@ def test_what_cannot_be_is_one_line(scene_file, tmp_path, capsys, more, words, s
     assert main(["render", str(scene_file(more)), *words, "--out", str(out)]) == BAD_INPUT
     error = capsys.readouterr().err
     assert said in error and error.count("\n") == 1 and not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("more", "said"), [('optics = "glass"', "is glass, and moves"), ("emission = {radiance = 1.0}", "gives off light")]
+)
+def test_surfaces_that_walks_cannot_follow_are_one_line(scene_file, capsys, tmp_path, more, said):
+    ball = f"""[[surface]]
+name = "ball"
+shape = "sphere"
+scale = 0.005
+reflectance = {{alpha = 0.2, beta = 0.0, gamma = 0.25, n = 1.5, body_colour = 0.6}}
+{more}
+"""
+    path = scene_file(TURN + TURN_OF_PYRAMID.replace("pyramid", "ball"), ball)
+    assert main(["render", str(path), "--mode", "path", "--out", str(tmp_path / "a.exr")]) == BAD_INPUT
+    error = capsys.readouterr().err
+    assert said in error and error.count("\n") == 1
 
 
 def test_films_by_other_modes_and_turns_are_refused(scene_file, tmp_path):

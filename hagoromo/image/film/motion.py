@@ -1,7 +1,7 @@
 """Motion: the tables of a scene file → those of one frame of a film, at its time.
 
-What moves is in the table [motion]: keyframes of the camera, of lamps and their spectra, and of boxes. Besides, camera
-and lamps may turn about the vertical axis through the middle of the matter (`turned`).
+What moves is in the table [motion]: keyframes of the camera, of lamps and their spectra, of boxes and of surfaces.
+Besides, camera and lamps may turn about the vertical axis through the middle of the matter (`turned`).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from hagoromo.camera.pose import inverse_pose, pose_of
 from hagoromo.errors import InputError
 from hagoromo.files.record import decode, read_toml
-from hagoromo.image.film.motion_record import BoxKey, CameraKey, LampKey, MotionRecord
+from hagoromo.image.film.motion_record import BoxKey, CameraKey, LampKey, MotionRecord, SurfaceKey
 from hagoromo.image.scene import Scene
 from hagoromo.image.scene_file import SceneRecord
 from hagoromo.image.scene_lights import turned_tables
@@ -25,7 +25,7 @@ from hagoromo.light.spectrum import Spectrum
 Tables: TypeAlias = Mapping[str, Any]
 
 
-Key = TypeVar("Key", CameraKey, LampKey, BoxKey)
+Key = TypeVar("Key", CameraKey, LampKey, BoxKey, SurfaceKey)
 
 
 class Motion:
@@ -50,7 +50,9 @@ class Motion:
         ]
         self.lamps = self._of_things(record.lamp, LampKey, "lamp")
         self.boxes = self._of_things(record.box, BoxKey, "box")
-        keys = [*self.camera, *(key for of in (self.lamps, self.boxes) for each in of.values() for key in each)]
+        self.surfaces = self._of_things(record.surface, SurfaceKey, "surface")
+        things = (self.lamps, self.boxes, self.surfaces)
+        keys = [*self.camera, *(key for of in things for each in of.values() for key in each)]
         last = max((key.time for key in keys), default=0.0)
         self.seconds = record.seconds or last
         if keys and not self.seconds > 0.0:
@@ -66,6 +68,7 @@ class Motion:
         for what, keyed, names in (
             ("lamp", self.lamps, ("position", "to_lamp", "intensity", "spectrum")),
             ("box", self.boxes, ("position", "rotation_deg")),
+            ("surface", self.surfaces, ("position", "rotation_deg")),
         ):
             if keyed:
                 things = list(tables[what])
@@ -83,7 +86,7 @@ class Motion:
         return first + (np.arange(count) + 0.5) / count * (last - first)
 
     def _of_things(self, records: Sequence[Any], kind: type[Key], what: str) -> dict[int, list[Key]]:
-        """Keyframes of lamps or boxes, by the number of the thing."""
+        """Keyframes of lamps, boxes or surfaces, by the number of the thing."""
         names = [thing.get("name") for thing in self.tables.get(what, ())]
         found: dict[int, list[Key]] = {}
         for k, record in enumerate(records):

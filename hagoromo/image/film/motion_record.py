@@ -40,6 +40,15 @@ class BoxKey(Record, frozen=True, kw_only=True):
     rotation_deg: Annotated[Vector | None, about("turns about x, then y, then z [°], any number of times")] = None
 
 
+class SurfaceKey(Record, frozen=True, kw_only=True):
+    """A surface at a time."""
+
+    surface: Annotated[str | int, about("name of the surface in the scene, or its number from 0")]
+    time: Annotated[NotNegative, about("from the beginning of the film [s]")]
+    position: Annotated[Vector | None, about("shift, world axes [m]")] = None
+    rotation_deg: Annotated[Vector | None, about("turns about x, then y, then z [°], any number of times")] = None
+
+
 class MotionRecord(Record, frozen=True, kw_only=True):
     """How a scene moves: a film of so many seconds, and the keyframes of what moves in it."""
 
@@ -57,3 +66,4 @@ class MotionRecord(Record, frozen=True, kw_only=True):
     camera: Annotated[list[Annotated[dict[str, Any], like(CameraKey)]], up_to(MOST_KEYS), about("of the camera")] = []
     lamp: Annotated[list[Annotated[dict[str, Any], like(LampKey)]], up_to(MOST_KEYS), about("of lamps")] = []
     box: Annotated[list[Annotated[dict[str, Any], like(BoxKey)]], up_to(MOST_KEYS), about("of volume boxes")] = []
+    surface: Annotated[list[Annotated[dict[str, Any], like(SurfaceKey)]], up_to(MOST_KEYS), about("of surfaces")] = []

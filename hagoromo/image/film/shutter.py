@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,7 @@ from hagoromo.image.read_once import read_once
 from hagoromo.image.render import picture_of_mode
 from hagoromo.image.scene import Scene
 from hagoromo.image.scene_file import SceneBox, scene_from_tables
-from hagoromo.image.scene_surface import NOWHERE, pose_of
+from hagoromo.image.scene_surface import NOWHERE, Placement, SceneSurface, pose_of
 from hagoromo.image.settings import Settings, check_mode, metadata
 from hagoromo.progress import Progress, part_of, silent
 
@@ -38,17 +39,20 @@ def moving_at(motion: Motion, time: float, tables: Tables, scene: Scene) -> Movi
     every = [motion.at(time + part) for part in motion.times(INSTANTS)]
     if any(each.get("lamp") != every[0].get("lamp") for each in every[1:]):
         raise InputError(
-            f"{motion.where}: a lamp moves or changes while the shutter is open, and walks draw instants of camera and "
-            f"boxes: leave its keyframes out, or render the mean of pictures at several times (--times 16)"
+            f"{motion.where}: a lamp moves or changes while the shutter is open, and walks draw instants of camera, "
+            f"boxes and surfaces: leave its keyframes out, or render the mean of pictures at several times (--times 16)"
         )
     with described(motion.where):
         cameras = np.array([_camera_pose(each["camera"], scene) for each in every])
         still = np.reshape(np.array([box.pose for box in scene.boxes]), (1, len(scene.boxes), 4, 4))
         boxes = np.repeat(still, INSTANTS, axis=0)
         for number in motion.boxes:
-            own = np.linalg.inv(_place(tables, number)) @ scene.boxes[number].pose
-            boxes[:, number] = [_place(each, number) @ own for each in every]
-    return MovingScene(cameras, boxes)
+            boxes[:, number] = _places(every, tables, "box", number, SceneBox, scene.boxes[number].pose)
+        surfaces = {
+            number: _places(every, tables, "surface", number, SceneSurface, scene.surfaces[number].pose)
+            for number in motion.surfaces
+        }
+    return MovingScene(cameras, boxes, surfaces)
 
 
 def scene_with_shutter(path: str | Path, motion: Motion, progress: Progress = silent) -> tuple[Scene, Settings]:
@@ -99,9 +103,16 @@ def _camera_pose(table: Tables, scene: Scene) -> np.ndarray:
     return np.reshape(np.array(table["world_to_camera"], float), (4, 4))
 
 
-def _place(tables: Tables, number: int) -> np.ndarray:
-    """(4, 4) of where a box is moved from where it was built."""
-    return pose_of(decode(tables["box"][number], SceneBox, f"box {number + 1}"), f"box {number + 1}")
+def _places(
+    every: Sequence[Tables], tables: Tables, what: str, number: int, kind: type[Placement], pose: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """(instants, 4, 4): poses of a box or a surface, whose pose is that of `tables`, in each of `every` tables."""
+
+    def place(of: Tables) -> NDArray[np.float64]:
+        return pose_of(decode(of[what][number], kind, f"{what} {number + 1}"), f"{what} {number + 1}")
+
+    own = np.linalg.inv(place(tables)) @ pose
+    return np.array([place(each) @ own for each in every])
 
 
 def _alike(one: Image, other: Image) -> bool:

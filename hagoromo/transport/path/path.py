@@ -34,9 +34,10 @@ FAINT_TO_LIGHTS = 0.3  # the same where it may meet a light, or glass, in which 
 
 
 class SurfaceHits(Protocol):
-    """Surfaces as walks need them. shadow_bias: of the points of hits, along the normal [m]."""
+    """Surfaces as walks need them. shadow_bias: of the points of hits, along the normal [m]. instant: as of `Frames`."""
 
     shadow_bias: Float
+    instant: UInt | None
 
     def hit(self, origin: Array3f, direction: Array3f) -> SurfaceHit:
         """First hit of rays."""
@@ -104,9 +105,11 @@ class Walks:
         return FAINT if self.lights is None and self.optics is None else FAINT_TO_LIGHTS
 
     def is_at(self, instant: UInt | None) -> None:
-        """Have boxes that move stand where they are at an instant of each walk."""
+        """Have boxes and surfaces that move stand where they are at an instant of each walk."""
         if self.matter is not None:
             self.matter.medium.frames.instant = instant
+        if self.surfaces is not None:
+            self.surfaces.instant = instant
 
     def event(self, origin: Array3f, direction: Array3f, random: Random) -> tuple[Event, Random]:
         """The next event along rays."""
