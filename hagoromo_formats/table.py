@@ -128,7 +128,8 @@ FORMATS = (
     Format(
         "USD", "scene", USD, MESH, f"{SCENES}.usd_out:usd_from_scene", "usd-core, in a process of its own",
         "tinyusdz, the validators of usd-core; Blender",
-        "files that are composed, textures but those of colour and gloss, IES, motion, instancers, cages' subdivision; "
+        "files that are composed, textures but those of colour, gloss and normals, IES, motion, instancers, cages' "
+        "subdivision; "
         "out: volume boxes, maps of environments, distortion, profiles of lamps, spectra",
         facts=f"{SCENES}.usd_parts:usd_facts", as_scene=f"{SCENES}.usd_scene:scene_from_usd",
         triangles=f"{SCENES}.usd_parts:read_usd_mesh", mesh_writer=f"{SCENES}.usd_out:write_usd_mesh", growth=60.0,
@@ -136,7 +137,8 @@ FORMATS = (
     Format(
         "glTF", "scene", (".glb", ".gltf"), MESH, f"{SCENES}.gltf_scene:gltf_from_scene",
         "trimesh (meshes), our own (cameras, lamps)", "VTK, tests' own bytes",
-        "textures but those of base colour, roughness and specular, metals by place, spectra, orthographic cameras; "
+        "textures but those of base colour, roughness, specular and normals, metals by place, spectra, orthographic "
+        "cameras; "
         "out: volume boxes, distortion, the optical axis, tails of facets", magic=(b"glTF",),
         as_scene=f"{SCENES}.gltf_scene:scene_from_gltf", mesh_writer=WRITE_MESH, growth=30.0,
     ),

@@ -1,12 +1,13 @@
-"""Moving: where the camera, boxes and surfaces of a scene are while the shutter is open. Walks of mode path draw an instant.
+"""Moving: where the camera, boxes and surfaces of a scene are while the shutter is open.
 
-Instants are spread evenly over that time; a walk has all things as they are at one of them.
+Instants are spread evenly over that time; walks of mode path draw one each, and have all things as they are at it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import drjit as dr
 import numpy as np
@@ -42,7 +43,7 @@ class MovingScene:
                 f"(instants, 4, 4) and (instants, boxes, 4, 4)"
             )
 
-    def record(self) -> dict[str, object]:
+    def record(self) -> dict[str, Any]:
         """What metadata say of it."""
         return {"instants": len(self.cameras)} | ({"surfaces": sorted(self.surfaces)} if self.surfaces else {})
 

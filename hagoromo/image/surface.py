@@ -208,6 +208,11 @@ class Surface:
         """Of normals and of heights, as RELIEFS."""
         return self.normal_texture, self.bump_texture
 
+    @property
+    def tiles(self) -> tuple[int, int]:
+        """How many images of UDIM its textures were laid together from, across and up, on which its UVs are 0…1."""
+        return next((one.tiles for one in (*self.textures, *self.reliefs) if one is not None), (1, 1))
+
     def __repr__(self) -> str:
         """The name, the shape and the reflectance's name."""
         faces = "" if self.faces is None else f" of {len(self.faces)} faces"

@@ -36,6 +36,11 @@ BYTES_PER_NUMBER = 40.0  # while a texture is checked and brought to the device
 class ImageOfParts(Protocol):
     """An image that several files make, see `TiledImage`."""
 
+    @property
+    def grid(self) -> tuple[int, int]:
+        """How many of them there may be, across and up."""
+        ...
+
     def read(self, read: Callable[[Path], tuple[NDArray[np.float32], bool]], /) -> tuple[NDArray[np.float32], bool]:
         """What `_read` gives of them together."""
         ...
@@ -52,7 +57,8 @@ class SurfaceTexture:
     Without spectra three values are linear R, G, B, which become spectra by `upsampled`, and one is a grey; more need
     spectra. Values that are no colours have spectra (). Images lie on the UVs of the mesh, or of the shape (Mitsuba's),
     their first row at v = 1, and repeat beyond 0…1. smooth: whether values between the middles of pixels are
-    interpolated. `InputError` for values that are negative or not finite, and for images that are too large.
+    interpolated. tiles: how many images of UDIM it was laid together from, across and up. `InputError` for values that
+    are negative or not finite, and for images that are too large.
 
     >>> checker = hg.SurfaceTexture([[1.0, 0.2], [0.2, 1.0]], smooth=False)
     >>> checker.values.shape, checker.spectra[0].at([550.0]).tolist()
@@ -64,6 +70,7 @@ class SurfaceTexture:
     of: str
     smooth: bool
     name: str
+    tiles: tuple[int, int]
 
     def __init__(
         self,
@@ -72,6 +79,7 @@ class SurfaceTexture:
         of: str = "image",
         smooth: bool = True,
         name: str = "texture",
+        tiles: tuple[int, int] = (1, 1),
     ) -> None:
         if of not in KINDS:
             raise InputError(f"{name}: a texture is of {of!r:.40}: give one of {', '.join(KINDS)}")
@@ -86,7 +94,8 @@ class SurfaceTexture:
         numbers = np.ascontiguousarray(numbers)
         numbers.flags.writeable = False
         keep = object.__setattr__
-        for key, value in (("values", numbers), ("spectra", chosen), ("of", of), ("smooth", smooth), ("name", name)):
+        made = {"values": numbers, "spectra": chosen, "of": of, "smooth": smooth, "name": name, "tiles": tiles}
+        for key, value in made.items():
             keep(self, key, value)
 
     def __repr__(self) -> str:
@@ -112,7 +121,7 @@ class SurfaceTexture:
             numbers = srgb_decode(255.0 * numbers) if encoded else numbers
         elif not colour:
             numbers = numbers[..., :1]
-        return cls(numbers, spectra, smooth=smooth, name=str(path))
+        return cls(numbers, spectra, smooth=smooth, name=str(path), tiles=_tiles(path))
 
     @classmethod
     def normals_from_file(
@@ -127,12 +136,13 @@ class SurfaceTexture:
             raise InputError(f"{path} has one channel: an image of normals has R, G and B; heights are a bump_texture")
         if directx:
             numbers[..., 1] = 1.0 - numbers[..., 1]
-        return cls(numbers, (), smooth=smooth, name=str(path))
+        return cls(numbers, (), smooth=smooth, name=str(path), tiles=_tiles(path))
 
     def between(self, first: float, last: float) -> SurfaceTexture:
         """The first value v of each place as first + (last − first) v, without spectra: half widths γ [rad], say."""
         low, high = np.float32(first), np.float32(last)
-        return SurfaceTexture(low + (high - low) * self.values[..., :1], of=self.of, smooth=self.smooth, name=self.name)
+        values = low + (high - low) * self.values[..., :1]
+        return SurfaceTexture(values, of=self.of, smooth=self.smooth, name=self.name, tiles=self.tiles)
 
     def brightest(self) -> float:
         """The largest value of the sum Σ value_k · spectrum_k, anywhere, at any wavelength; a bound of it, up to 1."""
@@ -200,6 +210,10 @@ def _numbers(values: ArrayLike, of: str, name: str) -> NDArray[np.float32]:
             f"{name} has {int(wrong.sum())} values outside 0…{LARGEST_VALUE:g}, first {value:.4g} in {where}: mend it"
         )
     return numbers
+
+
+def _tiles(path: ImagePlace) -> tuple[int, int]:
+    return (1, 1) if isinstance(path, (str, Path)) else path.grid
 
 
 def _read(path: ImagePlace) -> tuple[NDArray[np.float32], bool]:

@@ -70,7 +70,7 @@ def _shown(surface: Surface) -> SurfaceTexture | None:
     if texture is None or not _recoloured(surface):
         return texture
     values = made.shown_colour(texture.values.astype(np.float64), made.alpha)
-    return SurfaceTexture(values, texture.spectra, texture.of, texture.smooth, texture.name)
+    return SurfaceTexture(values, texture.spectra, texture.of, texture.smooth, texture.name, texture.tiles)
 
 
 def _texture(

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,7 @@ from hagoromo.image.surface import Surface
 
 INWARDS = 1e-4  # of a triangle, by which its corners are moved to its middle before it is asked in which tile they are
 BYTES_PER_NUMBER = 12.0
-Pixels = tuple[NDArray[np.float32], bool]  # (height, width, channels), and whether they are encoded for displays
+Pixels = tuple[NDArray[Any], Any]  # (height, width, channels), and how they are meant: whether encoded for displays
 
 
 class TiledImage(NamedTuple):
@@ -44,8 +44,9 @@ class TiledImage(NamedTuple):
             raise InputError(f"{self.name}: some tiles have 8 or 16 bits, others floats: give tiles of one kind")
         (across, up), count = self.grid, max(counts)
         require(BYTES_PER_NUMBER * tall * wide * across * up * count, self.name)
-        whole = np.empty((int(tall) * up, int(wide) * across, count), np.float32)
-        whole[:] = next(iter(parts.values()))[0][0, 0]
+        first = next(iter(parts.values()))[0]
+        whole = np.empty((int(tall) * up, int(wide) * across, count), first.dtype)
+        whole[:] = first[0, 0]
         for (u, v), (part, _) in parts.items():
             times = tall // part.shape[0], wide // part.shape[1]
             if (part.shape[0] * times[0], part.shape[1] * times[1]) != (tall, wide):
@@ -76,9 +77,7 @@ class TextureFiles:
             return surface
         if surface.uv is None or surface.faces is None:
             raise InputError(f"surface {surface.name!r} has an image by {MARK}, and no UVs: give a mesh that has them")
-        corners = np.asarray(surface.uv, float)[surface.faces]
-        corners = corners + INWARDS * (corners.mean(axis=1, keepdims=True) - corners)
-        used = {(int(u), int(v)) for u, v in np.unique(np.floor(corners.reshape(-1, 2)), axis=0)}
+        used = tiles_of(surface.uv, surface.faces)
         for name, image in self.tiled.items():
             if missing := sorted(used - set(image.files)):
                 u, v = missing[0]
@@ -86,6 +85,40 @@ class TextureFiles:
                 raise InputError(f"surface {surface.name!r} has UVs on {which}, of which {name} has no file: add it")
         (grid,) = {image.grid for image in self.tiled.values()}
         return replace(surface, uv=np.asarray(surface.uv, float) / grid)
+
+
+def tiles_of(uv: NDArray[Any], faces: NDArray[Any]) -> set[Tile]:
+    """The tiles on which triangles (m, 3) of UVs (n, 2) lie.
+
+    >>> sorted(tiles_of(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [2.0, 1.0]]), np.array([[0, 1, 2], [2, 1, 3]])))
+    [(0, 0), (1, 0)]
+    """
+    corners = np.asarray(uv, float)[faces]
+    corners = corners + INWARDS * (corners.mean(axis=1, keepdims=True) - corners)
+    return {(int(u), int(v)) for u, v in np.unique(np.floor(corners.reshape(-1, 2)), axis=0)}
+
+
+class Tiles(NamedTuple):
+    """Some tiles of a grid (wide, tall) that images have in common."""
+
+    grid: tuple[int, int]
+    numbers: tuple[Tile, ...]
+
+    def cuts(self, values: NDArray[Any], name: str) -> dict[str, NDArray[Any]]:
+        """The parts of an image of the whole grid, as `TiledImage.read` lays it together, by their names.
+
+        >>> Tiles((2, 1), ((1, 0),)).cuts(np.arange(8).reshape(2, 4), "a.<UDIM>.png")
+        {'a.1002.png': array([[2, 3],
+               [6, 7]])}
+        """
+        across, up = self.grid
+        tall, wide = values.shape[0] // up, values.shape[1] // across
+        return {
+            name.replace(MARK, str(udim_number((u, v)))): np.ascontiguousarray(
+                values[(up - 1 - v) * tall : (up - v) * tall, u * wide : (u + 1) * wide]
+            )
+            for u, v in self.numbers
+        }
 
 
 def texture_files(folder: Path, names: Sequence[str]) -> TextureFiles:

@@ -1,7 +1,7 @@
 """Traced surfaces: all surfaces of a scene as Mitsuba holds them, and what rays hit of them.
 
-A surface that moves while the shutter is open stands still in a scene of its own, into which rays are moved: a ray of an
-instant by the way back from where the surface is then.
+A surface that moves while the shutter is open stands still in a scene of its own, into which rays are moved by the way
+back from where it is at their instant.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class Surfaces:
     def __init__(
         self, surfaces: Sequence[Surface], origin: np.ndarray, moving: Mapping[int, Poses] | None = None
     ) -> None:
-        """`surfaces`: in the world. `origin`: (3,) [m], from which Mitsuba counts. moving: as `MovingScene.surfaces`."""
+        """`surfaces`: in the world. `origin`: (3,) [m], from which Mitsuba counts. moving: of a `MovingScene`."""
         jit, moving = arrays(), moving or {}
         if moving and dr.backend_v(jit.Float) != dr.JitBackend.LLVM:  # see `traced_scene`
             raise InputError(

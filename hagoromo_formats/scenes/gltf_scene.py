@@ -219,7 +219,7 @@ def gltf_from_scene(scene: Scene, out: str | Path, force: bool = False) -> list[
         name = f"{surface.name or surface.shape}_{number + 1}"
         vertices, faces = triangles_of(surface)
         look, colours = look_of(surface, vertices)
-        visual, lost_here = textured_visual(surface, look, colours, vertices, name)
+        visual, lost_here = textured_visual(surface, look, colours, (vertices, faces), name)
         lost_textures += lost_here
         placed = vertices @ surface.pose[:3, :3].T + surface.pose[:3, 3]
         plain = TextureVisuals(material=PBRMaterial(name=name, metallicFactor=0.0))

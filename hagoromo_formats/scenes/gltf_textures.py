@@ -25,13 +25,12 @@ from hagoromo_formats.scenes.pbr_textures import (
     channel_of,
     gloss_image,
     gloss_of_colours,
-    lost_reliefs,
     lost_textures,
-    normal_image,
     picture_of,
     uvs_of,
     written_image,
 )
+from hagoromo_formats.scenes.relief_normals import relief_normals
 
 NEAREST, REPEAT = 9728, 10497  # a filter and a wrapping of a sampler
 OTHER_MAPS = ("occlusionTexture", "emissiveTexture")
@@ -189,12 +188,12 @@ def _painted(mesh: Any, colours: NDArray[np.uint8]) -> Any:
 
 
 def textured_visual(
-    surface: Surface, look: PbrMaterial, colours: Array | None, vertices: Array, name: str
+    surface: Surface, look: PbrMaterial, colours: Array | None, triangles: tuple[Array, NDArray[np.int64]], name: str
 ) -> tuple[Any, list[str]]:
     """The trimesh visual of a surface's look and its colours, see `look_of`, None without textures; what is lost.
 
     Images have 8 bits. Green of the one of gloss is roughness, its alpha the factor on F.
-    vertices: those of its triangles.
+    triangles: its vertices and faces.
     """
     from PIL import Image
     from trimesh.visual import ColorVisuals, TextureVisuals
@@ -205,10 +204,12 @@ def textured_visual(
         images["baseColorTexture"] = Image.fromarray(srgb_encode(colours))
     if (image := gloss_image(look)) is not None:
         images["metallicRoughnessTexture"] = Image.fromarray(image)
-    uvs = uvs_of(surface, vertices)
-    if (image := normal_image(surface, uvs is not None)) is not None and (colours is None or colours.ndim == 3):
-        images["normalTexture"] = Image.fromarray(image)
-    lost = [*lost_textures(surface, look, colours), *lost_reliefs(surface, "normalTexture" in images)]
+    on_uvs = colours is None or colours.ndim == 3
+    uvs = uvs_of(surface, triangles[0])
+    relief = relief_normals(surface, *triangles, uvs if on_uvs else None)
+    if relief.values is not None:
+        images["normalTexture"] = Image.fromarray(np.round(255.0 * relief.values).astype(np.uint8))
+    lost = [*lost_textures(surface, look, colours), *relief.lost]
     if colours is not None and colours.ndim == 2:
         return ColorVisuals(vertex_colors=np.round(255.0 * colours).astype(np.uint8)), lost
     made = PBRMaterial(name=name, metallicFactor=0.0, **images)

@@ -16,7 +16,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hagoromo.files.exr import write_exr
+from hagoromo.files.udim import MARK
 from hagoromo.image.surface import Surface
+from hagoromo.image.tiled_image import Tiles
 from hagoromo.light.colour import linear_colour
 from hagoromo.light.environment import upsampled
 from hagoromo.light.spectrum import Spectrum
@@ -37,8 +39,9 @@ Array = NDArray[np.float64]
 class PbrMaterial(NamedTuple):
     """base: linear R, G, B, 0…1. n: refractive index. specular: factor on F; None: not stated. tint: factor on F0.
 
-    roughness_map, specular_map: (h, w), 0…1, factors on the UVs. smooth: whether they are interpolated. textured: the
-    base colour differs from place to place, and base is the largest.
+    roughness_map, specular_map: (h, w), 0…1, factors on the UVs. smooth: whether they are interpolated. tiles: those of
+    UDIM that they are laid together from. textured: the base colour differs from place to place, and base is the
+    largest.
     """
 
     base: Array
@@ -52,6 +55,7 @@ class PbrMaterial(NamedTuple):
     roughness_map: NDArray[Any] | None = None
     specular_map: NDArray[Any] | None = None
     smooth: bool = True
+    tiles: Tiles | None = None
 
     @property
     def mapped(self) -> bool:
@@ -210,9 +214,9 @@ def _mapped(
     tables: dict[str, Any] = {"reflectance": made | keys}
     rest = {} if given.smooth else {"smooth": False}
     if np.ptp(gamma) > 0.0:
-        tables["gamma_texture"] = {"file": _map(stem, "gamma", gamma), **rest}
+        tables["gamma_texture"] = {"file": _map(stem, "gamma", gamma, given.tiles), **rest}
     if np.ptp(kept) > 0.0:
-        tables["beta_texture"] = {"file": _map(stem, "beta", kept / top), **rest}
+        tables["beta_texture"] = {"file": _map(stem, "beta", kept / top, given.tiles), **rest}
     return tables
 
 
@@ -231,10 +235,12 @@ def enlarged(values: NDArray[Any] | None, shape: tuple[int, int]) -> Array:
     return values[np.ix_(rows, columns)].astype(np.float64)
 
 
-def _map(stem: Path, what: str, values: Array) -> str:
-    file = stem.with_name(f"{stem.name}_{what}.exr")
-    write_exr(file, {"Y": np.clip(values, 0.0, None).astype(np.float32)})
-    return file.name
+def _map(stem: Path, what: str, values: Array, tiles: Tiles | None) -> str:
+    name, stored = f"{stem.name}_{what}", np.clip(values, 0.0, None).astype(np.float32)
+    file = f"{name}.{MARK}.exr" if tiles else f"{name}.exr"
+    for each, part in (tiles.cuts(stored, file) if tiles else {file: stored}).items():
+        write_exr(stem.with_name(each), {"Y": part})
+    return file
 
 
 def rgb(colour: Any) -> dict[str, Any]:

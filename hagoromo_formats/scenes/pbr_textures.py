@@ -14,7 +14,7 @@ from hagoromo.files import exr
 from hagoromo.files.memory import require
 from hagoromo.files.picture import TIFF_STARTS, read_picture
 from hagoromo.files.png import write_png
-from hagoromo.image.surface import RELIEFS, Surface
+from hagoromo.image.surface import Surface
 from hagoromo.image.surface_texture import SurfaceTexture
 from hagoromo.light.colour import linear_colour, srgb_decode, srgb_encode
 from hagoromo.light.environment import upsampled
@@ -140,20 +140,6 @@ def lost_textures(surface: Surface, look: PbrMaterial, colours: Array | None) ->
         for key, texture in (("gamma", surface.gamma_texture), ("beta", surface.beta_texture)):
             if texture is not None and not look.mapped:
                 yield f"surface {surface.name!r}: its {key}_texture, as it, or its body_texture, is not on UVs"
-
-
-def lost_reliefs(surface: Surface, normals: bool = False) -> Iterator[str]:
-    """A line for its images of heights, and of normals unless `normals` are kept."""
-    for key, texture in zip(RELIEFS, surface.reliefs, strict=True):
-        if texture is not None and not (normals and key == "normal_texture"):
-            yield f"surface {surface.name!r}: its {key}"
-
-
-def normal_image(surface: Surface, on_uvs: bool) -> NDArray[np.uint8] | None:
-    """The image of its normals in 8 bits; None without one, and where the surface has no UVs."""
-    if surface.normal_texture is None or not on_uvs:
-        return None
-    return np.round(255.0 * np.clip(surface.normal_texture.values, 0.0, 1.0)).astype(np.uint8)
 
 
 def uvs_of(surface: Surface, vertices: Array) -> Array | None:

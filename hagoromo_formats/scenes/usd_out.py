@@ -15,20 +15,25 @@ from hagoromo.camera.pose import opengl_from_opencv
 from hagoromo.errors import InputError
 from hagoromo.files.png import write_png
 from hagoromo.files.reading import library
+from hagoromo.files.udim import MARK
 from hagoromo.files.whole import check_written, replaceable_file, scratch_folder, whole_file, whole_files
 from hagoromo.image.scene import Scene
 from hagoromo.image.surface import Surface
+from hagoromo.image.tiled_image import Tiles, tiles_of
 from hagoromo.light.colour import srgb_encode
 from hagoromo.light.other_programs import InOtherPrograms
 from hagoromo_formats.scenes.gltf_scene import triangles_of
 from hagoromo_formats.scenes.pbr import PbrMaterial, linear, lost_gloss, normal_fresnel
-from hagoromo_formats.scenes.pbr_textures import look_of, lost_reliefs, lost_textures, uvs_of
+from hagoromo_formats.scenes.pbr_textures import look_of, lost_textures, uvs_of
+from hagoromo_formats.scenes.relief_normals import relief_normals
 from hagoromo_formats.scenes.usd_stage import ARCHIVE
 
 APERTURE = 0.36  # tenths of a metre: a film of 36 mm
 FAR_FOCUS = 1e6  # m
+ONE = 1, 1  # tile
 ROOT = Path("scene.usdc")  # of an archive
 Matrix = NDArray[np.float64]
+Pixels = NDArray[np.uint8] | NDArray[np.uint16]
 
 
 def usd_from_scene(scene: Scene, out: str | Path, force: bool = False) -> list[str]:
@@ -73,7 +78,10 @@ def _lost(scene: Scene) -> Iterator[str]:
 class _Writer:
     def __init__(self, out: Path) -> None:
         self.archive = out.suffix.lower() == ARCHIVE
-        self.stem, self.images = ROOT.stem if self.archive else out.stem, dict[str, NDArray[np.uint8]]()
+        self.stem, self.images = (
+            ROOT.stem if self.archive else out.stem,
+            dict[str, NDArray[np.uint8] | NDArray[np.uint16]](),
+        )
         self.lost = list[str]()
         self.usd, self.geometry, self.shade = (library(f"pxr.{name}") for name in ("Usd", "UsdGeom", "UsdShade"))
         self.layers, self.numbers = library("pxr.Sdf"), library("pxr.Gf")
@@ -82,6 +90,7 @@ class _Writer:
         self.geometry.SetStageMetersPerUnit(self.stage, 1.0)
         self.stage.SetDefaultPrim(self.geometry.Xform.Define(self.stage, "/scene").GetPrim())
         self.count = 0
+        self.tiles: Tiles | None = None  # of the surface that is written
 
     def write(self, out: str | Path, force: bool) -> None:
         """The file and its images beside it, or all in an archive."""
@@ -154,8 +163,10 @@ class _Writer:
     def surface(self, surface: Surface) -> None:
         vertices, faces = triangles_of(surface)
         look, colours = look_of(surface, vertices)
-        self.lost += [*lost_textures(surface, look, colours), *lost_reliefs(surface)]
-        if any(each is not None and not each.smooth for each in surface.textures):
+        uv = uvs_of(surface, vertices)
+        relief = relief_normals(surface, vertices, faces, uv)
+        self.lost += [*lost_textures(surface, look, colours), *relief.lost]
+        if any(each is not None and not each.smooth for each in (*surface.textures, *surface.reliefs)):
             self.lost.append(f"surface {surface.name!r}: pixels that are not interpolated, as programs do")
         if surface.shape in ("sphere", "cube"):
             kind = {"sphere": "Sphere", "cube": "Cube"}[surface.shape]
@@ -164,6 +175,9 @@ class _Writer:
         else:
             smooth = surface.shape == "mesh" and surface.smooth
             prim = self.mesh(surface.name or surface.shape, vertices, faces, surface.pose, smooth)
+        uv = None if uv is None else np.asarray(uv, float) * surface.tiles
+        by_tiles = uv is not None and surface.tiles != ONE
+        self.tiles = Tiles(surface.tiles, tuple(sorted(tiles_of(uv, faces)))) if by_tiles else None
         mean = look.base if colours is None else colours.reshape(-1, 3).mean(axis=0)
         self.paint(prim, mean[None] if colours is None or colours.ndim == 3 else colours)
         material = self.shade.Material.Define(self.stage, f"/scene/materials/material_{self.count}")
@@ -179,8 +193,10 @@ class _Writer:
         if look.specular_map is not None:
             grey = np.repeat(_bytes(look.specular_map)[..., None], 3, axis=2)
             self.texture(shader, "specularColor", grey, scale=(*_preview(look)["specularColor"], 1.0))
-        uv = uvs_of(surface, vertices)
-        if uv is not None and (look.mapped or colours is not None):
+        if relief.values is not None:
+            values = np.round(65535.0 * relief.values).astype(np.uint16)
+            self.texture(shader, "normal", values, scale=(2.0, 2.0, 2.0, 1.0), bias=(-1.0, -1.0, -1.0, 0.0))
+        if uv is not None and (look.mapped or colours is not None or relief.values is not None):
             kinds = self.layers.ValueTypeNames
             primvar = self.geometry.PrimvarsAPI(prim).CreatePrimvar("st", kinds.TexCoord2fArray, "vertex")
             primvar.Set(library("pxr.Vt").Vec2fArray.FromNumpy(np.ascontiguousarray(uv, np.float32)))
@@ -216,6 +232,7 @@ class _Writer:
             "diffuseColor": kinds.Color3f,
             "specularColor": kinds.Color3f,
             "roughness": kinds.Float,
+            "normal": kinds.Normal3f,
             "st": kinds.Float2,
         }
         made = source.CreateOutput(output, {"r": kinds.Float, "result": of[name]}.get(output, kinds.Float3))
@@ -227,15 +244,18 @@ class _Writer:
         self,
         shader: Any,
         name: str,
-        image: NDArray[np.uint8],
+        image: Pixels,
         space: str = "raw",
-        scale: tuple[float, ...] | None = None,
+        **factors: tuple[float, ...],
     ) -> None:
-        """A picture on the UVs that gives an input of a surface."""
-        path, file = shader.GetPath().GetParentPath(), f"{self.stem}_{self.count}_{name}.png"
-        self.images[file] = image
+        """A picture on the UVs that gives an input of a surface; by UDIM a file for each of its tiles. factors: its
+        scale and bias.
+        """
+        path, stem = shader.GetPath().GetParentPath(), f"{self.stem}_{self.count}_{name}"
+        file = f"{stem}.{MARK}.png" if self.tiles else f"{stem}.png"
+        self.images |= self.tiles.cuts(image, file) if self.tiles else {file: image}
         inputs = {"file": f"./{file}", "sourceColorSpace": space, "wrapS": "repeat", "wrapT": "repeat"}
-        made = self.shader(path.AppendChild(name), "UsdUVTexture", **inputs, **({"scale": scale} if scale else {}))
+        made = self.shader(path.AppendChild(name), "UsdUVTexture", **inputs, **factors)
         reader = self.shader(path.AppendChild(f"{name}_uvs"), "UsdPrimvarReader_float2", varname="st")
         self.connect(made, "st", reader, "result")
         self.connect(shader, name, made, "rgb" if image.ndim == 3 else "r")

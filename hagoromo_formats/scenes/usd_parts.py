@@ -41,7 +41,8 @@ SURFACE = {
 }  # fmt: skip
 PREVIEW, TEXTURE = "UsdPreviewSurface", "UsdUVTexture"
 READERS = ("UsdPrimvarReader_float2", "UsdPrimvarReader_float3")
-MAPS = ("normal", "occlusion", "displacement")  # inputs that nothing here has
+NORMAL = "normal"
+MAPS = ("occlusion", "displacement")  # inputs that nothing here has
 SAMPLER = {
     "file": None, "wrapS": "useMetadata", "wrapT": "useMetadata", "sourceColorSpace": "auto",
     "scale": (1.0, 1.0, 1.0, 1.0), "bias": (0.0, 0.0, 0.0, 0.0),
@@ -278,14 +279,14 @@ def _preview(shader: Any) -> dict[str, Any]:
     """Numbers of a UsdPreviewSurface; textured: names of those that something else than a picture gives."""
     numbers, textured, textures = dict[str, Any](SURFACE), list[str](), dict[str, dict[str, Any]]()
     painted, uvs = False, UVS
-    for name in (*SURFACE, *MAPS):
+    for name in (*SURFACE, NORMAL, *MAPS):
         stated, source, output = _given(shader, name)
         if source is None:
             if stated is not None and name in SURFACE:
                 numbers[name] = stated
             continue
         kind = str(source.GetIdAttr().Get())
-        if kind == TEXTURE and name in SURFACE:
+        if kind == TEXTURE and name not in MAPS:
             texture = {key: default if (found := _given(source, key)[0]) is None else found
                        for key, default in SAMPLER.items()}  # fmt: skip
             uvs, moved = _uvs_of(source)

@@ -25,7 +25,7 @@ from hagoromo.files.reading import reading
 from hagoromo.files.toml_text import toml_text
 from hagoromo.files.whole import whole_folder, write_text
 from hagoromo.image.scene_file import load_scene
-from hagoromo.image.surface import TEXTURES
+from hagoromo.image.surface import RELIEFS, TEXTURES
 from hagoromo.light.colour import linear_colour, srgb_encode
 from hagoromo.light.environment import upsampled
 from hagoromo.light.spectrum import Spectrum
@@ -33,7 +33,7 @@ from hagoromo_formats.mitsuba.bsdfs import Converter
 from hagoromo_formats.mitsuba.read import LARGEST_MAP, angles_of
 from hagoromo_formats.scenes.pbr import PbrMaterial, normal_fresnel, rgb, surface_of
 from hagoromo_formats.scenes.pbr_textures import gloss_of_colours
-from hagoromo_formats.scenes.usd_parts import UsdMesh, UsdParts, read_usd
+from hagoromo_formats.scenes.usd_parts import NORMAL, UsdMesh, UsdParts, read_usd
 from hagoromo_formats.scenes.usd_stage import unpacked
 from hagoromo_formats.scenes.usd_textures import UsdTextures
 
@@ -78,7 +78,7 @@ class _UsdScene:
         self.parts, self.home, self.folder = parts, home, folder
         self.lost = list(parts.lost)
         self.bodies = Converter(home, self.lost)
-        self.textures = UsdTextures(path, home, folder, self.lost)
+        self.path = path
         self.known: dict[tuple[str, bool, bool], Table] = {}  # tables of materials
         self.environment: Table | None = None
         self.lamps: list[Table] = []
@@ -167,7 +167,7 @@ class _UsdScene:
         for number, mesh in enumerate(self.parts.meshes):
             file = f"mesh_{number + 1}.ply"
             body, visual = self.body(mesh.material, mesh.colour, mesh.name, mesh), None
-            if any("file" in body.get(key, ()) for key in TEXTURES):
+            if any("file" in body.get(key, ()) for key in (*TEXTURES, *RELIEFS)):
                 visual = TextureVisuals(mesh.uv)
             elif "body_texture" in body and mesh.colours is not None:
                 visual = ColorVisuals(vertex_colors=srgb_encode(np.clip(mesh.colours, 0.0, 1.0)))
@@ -231,21 +231,23 @@ class _UsdScene:
             known = known | {"diffuseColor": np.full(3, np.clip(mesh.colours, 0.0, 1.0).max())}
         specular = textures.get("specularColor") if known["useSpecularWorkflow"] else None
         maps: dict[str, Any] = {}
+        pictures = UsdTextures(self.path, self.home, self.folder, textures, who, name)
         if specular is not None:
-            specular_colour, factors, varied = gloss_of_colours(self.textures.colours(specular, name))
+            specular_colour, factors, varied = gloss_of_colours(pictures.colours(specular))
             if varied:
                 self.lost.append(f"{who}: the colour of its gloss by place, of which the mean stands")
             known = known | {"specularColor": specular_colour}
-            maps = {} if known["painted"] else {"specular_map": factors}
-        look, body = self.look(known, path)._replace(**maps), None
+            maps = {} if known["painted"] else {"specular_map": factors, "tiles": pictures.tiles}
+        look, images = self.look(known, path)._replace(**maps), dict[str, Any]()
         if uv is not None:
-            rest = {key: each for key, each in textures.items() if key != "specularColor"}
-            look, body = self.textures.of(look, rest, uv, who, name)
-        if look.glass and body is not None:
-            self.lost.append(f"{who}: the texture of its glass")
-            body = None
+            look, images = pictures.of(look, uv)
+        self.lost += pictures.lost
         look = look._replace(textured=look.textured or known["painted"])
-        return surface_of(look, self.bodies, who, self.folder, name) | ({"body_texture": body} if body else {})
+        made = surface_of(look, self.bodies, who, self.folder, name)
+        if made.get("optics") and any(key in textures for key in ("diffuseColor", NORMAL)):
+            self.lost.append(f"{who}: the textures of its {made['optics']}")
+            return made
+        return made | images
 
     def look(self, known: Table, path: str) -> PbrMaterial:
         """A UsdPreviewSurface. Where it states the colour of its gloss, F0, that is a factor on that of its index."""

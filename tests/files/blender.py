@@ -27,7 +27,7 @@ for o in bpy.data.objects:
     if o.type == "MESH":
         e |= {"points": [list(o.matrix_world @ v.co) for v in o.data.vertices], "inputs": {}}
         for node in [node for m in o.data.materials for node in m.node_tree.nodes if node.type == "BSDF_PRINCIPLED"]:
-            for key in ("Base Color", "Roughness", "IOR", "Specular Tint"):
+            for key in ("Base Color", "Roughness", "IOR", "Specular Tint", "Normal"):
                 nodes = [link.from_node for link in node.inputs[key].links]
                 while nodes and nodes[0].type not in ("TEX_IMAGE", "ATTRIBUTE"):  # back to what it is made of
                     nodes = [link.from_node for each in nodes[0].inputs for link in each.links]

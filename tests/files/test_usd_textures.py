@@ -9,9 +9,12 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+import trimesh
+from trimesh.visual import TextureVisuals
 
 import hagoromo as hg
 from hagoromo.errors import InputError
+from hagoromo.files.png import write_png
 from hagoromo.image.scene_file import load_scene
 from hagoromo.light.colour import srgb_decode
 from hagoromo_formats.scenes.usd_out import usd_from_scene
@@ -235,6 +238,15 @@ def test_blender_finds_the_textures(tmp_path):
     assert painted["Base Color"] == "displayColor" and painted["Roughness"] == 1.0
 
 
+def test_blender_finds_normals_and_tiles(tmp_path):
+    """Images by UDIM of colour and of normals, these behind a node of normals, in the numbers of the file."""
+    (tmp_path / "in").mkdir()
+    usd_from_scene(by_udim(tmp_path / "in"), tmp_path / "b.usda")
+    (inputs,) = (each["inputs"] for name, each in in_blender(tmp_path, "b.usda").items() if name.startswith("strip"))
+    assert inputs["Base Color"][0].endswith("_diffuseColor.<UDIM>.png") and inputs["Base Color"][1] == "sRGB"
+    assert inputs["Normal"][0].endswith("_normal.<UDIM>.png") and inputs["Normal"][1] == "Non-Color"
+
+
 @pytest.mark.parametrize("name", ["a.usda", "a.usdz"])
 def test_textures_that_are_written_come_back(tmp_path, name):
     """Colours to the 8 bits of the file, of alpha · texture; γ to half a step of roughness, β to one of its factor."""
@@ -297,12 +309,136 @@ def test_the_text_says_how_pictures_and_colours_of_vertices_are_meant(tmp_path):
     assert "inputs:diffuseColor.connect = </scene/materials/material_3/colours.outputs:result>" in text
 
 
+UDIM_OF_NORMALS = "InvalidFile: UsdUVTexture prim </scene/materials/material_2/normal> (connected"
+
+
 def test_what_is_written_passes_the_checks_of_usd(tmp_path):
-    """All validators that come with usd-core; of an empty stage they find faults."""
+    """All validators that come with usd-core; of an empty stage they find faults. That of normals looks for a file
+    whose name has the mark of UDIM itself, and finds none.
+    """
     usd, validation = (pytest.importorskip(f"pxr.{name}") for name in ("Usd", "UsdValidation"))
     context = validation.ValidationContext(validation.ValidationRegistry().GetOrLoadAllValidators())
     assert context.Validate(usd.Stage.CreateInMemory())
-    for name in ("a.usda", "a.usdz"):
-        usd_from_scene(a_scene(), tmp_path / name)
+    (tmp_path / "in").mkdir()
+    for name, scene in (("a.usda", a_scene()), ("a.usdz", a_scene()), ("b.usda", by_udim(tmp_path / "in"))):
+        usd_from_scene(scene, tmp_path / name)
         found = context.Validate(usd.Stage.Open(str(tmp_path / name)))
-        assert not [f"{each.GetName()}: {each.GetMessage()}" for each in found]
+        said = [f"{each.GetName()}: {each.GetMessage()}" for each in found]
+        assert [each[:70] for each in said] == [UDIM_OF_NORMALS[:70]] * (name == "b.usda")
+
+
+SHEARED = np.array([[0.0, 0, 0], [1, 0, 0], [1.4, 0.8, 0.3], [0.4, 0.8, 0.3]])  # a parallelogram aslant
+X, Y = np.meshgrid(np.linspace(0.0, 2.0 * math.pi, 64, endpoint=False), np.linspace(0.0, 2.0 * math.pi, 48, False))
+
+
+def in_relief(mirrored=False):
+    """A parallelogram with images of normals and of heights, whose UVs are sheared, or mirrored as well."""
+    matt = hg.Reflectance(1.0 / math.pi, 0.0, 0.2, 1.5, hg.Spectrum.constant(1.0))
+    slopes = np.stack([0.3 * np.sin(X), 0.2 * np.cos(Y), np.ones_like(X)], axis=-1)
+    normals = hg.SurfaceTexture(0.5 + 0.5 * slopes / np.linalg.norm(slopes, axis=-1, keepdims=True), ())
+    heights = hg.SurfaceTexture(0.03 + 0.03 * np.sin(X) * np.cos(Y))
+    uv = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]]) * ([-1.0, 1.0] if mirrored else 1.0)
+    made = hg.Surface(matt, "mesh", SHEARED, FACES, uv=uv, smooth=False, name="relief", normal_texture=normals,
+                      bump_texture=heights)  # fmt: skip
+    camera = hg.Camera(24, 18, (30, 30), (12, 9)).look_at((0.7, -0.5, 1.4), (0.7, 0.4, 0.15), (0, 1, 0))
+    return hg.Scene(camera, (hg.Lamp(to_lamp=(0.5, -0.3, 0.8)),), (), (made,))
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_normals_and_heights_are_one_image_of_normals(tmp_path, mirrored):
+    """The scene that comes back is shaded as this one: to 1 %, as normals are interpolated in place of slopes."""
+    scene = in_relief(mirrored)
+    assert not any("texture" in each for each in usd_from_scene(scene, tmp_path / "a.usda"))
+    text = (tmp_path / "a.usda").read_text(encoding="utf-8")
+    assert "normal3f inputs:normal.connect" in text and "float4 inputs:bias = (-1, -1, -1, 0)" in text
+    assert not any("texture" in each for each in scene_from_usd(tmp_path / "a.usda", tmp_path / "again"))
+    (found,) = load_scene(tmp_path / "again" / "scene.toml")[0].surfaces
+    plain = replace(scene.surfaces[0], normal_texture=None, bump_texture=None)
+    pictures = [hg.render(replace(scene, surfaces=(one,))).linear_srgb() for one in (scene.surfaces[0], found, plain)]
+    inside = pictures[2][..., 1] > 0.999 * np.median(pictures[2][..., 1])
+    mine, other, flat = (picture[inside] for picture in pictures)
+    assert np.abs(mine - flat).max() > 0.2 * flat.max()
+    np.testing.assert_allclose(other, mine, atol=0.01 * flat.max())
+
+
+def test_heights_on_uvs_that_are_stretched_unlike_are_said(tmp_path):
+    """Of two triangles the second has twice the length along u."""
+    scene = in_relief()
+    uv = np.array([[0.0, 0], [1, 0], [1, 1], [0.5, 1]])
+    lost = usd_from_scene(replace(scene, surfaces=(replace(scene.surfaces[0], uv=uv),)), tmp_path / "a.usda")
+    assert [each for each in lost if "bump_texture are off by up to" in each]
+
+
+TILES = {(0, 0): 60, (1, 0): 120, (0, 1): 200}  # and their grey
+
+
+def by_udim(folder):
+    """A scene file of a strip over three tiles, with images of colour and of normals."""
+    for (u, v), grey in TILES.items():
+        colours = np.full((4, 6, 3), grey, np.uint8)
+        colours[0, 0] = 250  # the corner at the top left
+        normals = np.full((4, 6, 3), (128, 128, 255), np.uint8)
+        normals[:, :3, 0] = 128 + 30 * (1 + u + v)
+        for name, image in (("body", colours), ("normal", normals)):
+            write_png(folder / f"{name}.{1001 + u + 10 * v}.png", image)
+    corners = np.array([[x, y, 0.0] for y in (0, 1) for x in (0, 1, 2)] + [[0.0, 2, 0], [1, 2, 0]])
+    faces = np.array([[0, 1, 4], [0, 4, 3], [1, 2, 5], [1, 5, 4], [3, 4, 7], [3, 7, 6]])
+    visual = TextureVisuals(uv=corners[:, :2])
+    data = trimesh.Trimesh(corners, faces, process=False, visual=visual).export(file_type="ply")
+    (folder / "strip.ply").write_bytes(data)
+    (folder / "scene.toml").write_text("""
+[camera]
+size = [16, 16]
+focal = [12.0, 12.0]
+eye = [1.0, 1.0, 2.0]
+target = [1.0, 1.0, 0.0]
+up = [0.0, 1.0, 0.0]
+[[lamp]]
+to_lamp = [0.3, 0.2, 1.0]
+[[surface]]
+name = "strip"
+mesh = "strip.ply"
+smooth = false
+reflectance = {alpha = 0.3, beta = 0.0, gamma = 0.3, n = 1.5, body_colour = 1.0}
+body_texture = {file = "body.<UDIM>.png"}
+normal_texture = {file = "normal.<UDIM>.png"}
+""")
+    return load_scene(folder / "scene.toml")[0]
+
+
+@pytest.mark.parametrize("name", ["a.usda", "a.usdc", "a.usdz"])
+def test_images_by_udim_go_out_and_come_back_so(tmp_path, name):
+    """One file for each tile that the UVs use, by the name with the mark; the picture is the same to 8 bits."""
+    (tmp_path / "in").mkdir()
+    scene = by_udim(tmp_path / "in")
+    assert not any("texture" in each for each in usd_from_scene(scene, tmp_path / name))
+    if name != "a.usdz":
+        numbers = {path.name for path in tmp_path.glob("a_2_*.png")}
+        assert numbers == {f"a_2_{key}.{n}.png" for key in ("diffuseColor", "normal") for n in (1001, 1002, 1011)}
+    assert not any("texture" in each for each in scene_from_usd(tmp_path / name, tmp_path / "again"))
+    text = (tmp_path / "again" / "scene.toml").read_text(encoding="utf-8")
+    assert text.count(".<UDIM>.png") == 2
+    again = load_scene(tmp_path / "again" / "scene.toml")[0]
+    assert again.surfaces[0].tiles == (2, 2)
+    pictures = [hg.render(replace(scene, surfaces=one.surfaces)).linear_srgb() for one in (scene, again)]
+    np.testing.assert_allclose(pictures[1], pictures[0], atol=0.01 * pictures[0].max())
+    assert len(np.unique(np.round(pictures[0][..., 1], 3))) > 6
+
+
+def test_an_image_beside_those_by_udim_lies_on_each_tile(tmp_path):
+    """A roughness without tiles repeats on all of them; a tile that the UVs use and no file has is one line."""
+    file = write(tmp_path, TEXT.replace("base.png", "base.<UDIM>.png"))
+    (tmp_path / "maps" / "base.png").rename(tmp_path / "maps" / "base.1001.png")
+    (tmp_path / "maps" / "base.1002.png").write_bytes((tmp_path / "maps" / "base.1001.png").read_bytes())
+    surface, lost = read(file, tmp_path)
+    assert surface.gamma_texture is not None and surface.body_texture is not None
+    assert surface.gamma_texture.values.shape == (2, 4, 1) and not any("texture" in each for each in lost)
+    first, second = np.split(surface.gamma_texture.values, 2, axis=1)
+    np.testing.assert_array_equal(first, second)
+    (tmp_path / "b").mkdir()
+    file = write(
+        tmp_path / "b", TEXT.replace("base.png", "base.<UDIM>.png").replace("(1, 1), (0.5, 1)]", "(3, 1), (2.5, 1)]")
+    )
+    (tmp_path / "b" / "maps" / "base.png").rename(tmp_path / "b" / "maps" / "base.1001.png")
+    with pytest.raises(InputError, match="add it"):
+        read(file, tmp_path / "b")

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trimesh
+from trimesh.visual import TextureVisuals
 
 import hagoromo as hg
 from hagoromo.app.cli import BAD_INPUT, DONE, main
@@ -187,7 +188,7 @@ def scene_with_pyramid(scene_file, tmp_path):
     """Beside the plank a pyramid with a map of normals and gloss, which flies and turns."""
     corners = 0.008 * np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0], [0, 0, 1.5]])
     faces = np.array([[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4], [0, 2, 1], [0, 3, 2]])
-    visual = trimesh.visual.TextureVisuals(uv=0.5 + corners[:, :2] / 0.016)
+    visual = TextureVisuals(uv=0.5 + corners[:, :2] / 0.016)
     (tmp_path / "pyramid.ply").write_bytes(trimesh.Trimesh(corners, faces, process=False, visual=visual).export(
         file_type="ply"))  # fmt: skip
     x = np.linspace(-0.4, 0.4, 8)

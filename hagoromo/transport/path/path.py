@@ -34,7 +34,10 @@ FAINT_TO_LIGHTS = 0.3  # the same where it may meet a light, or glass, in which 
 
 
 class SurfaceHits(Protocol):
-    """Surfaces as walks need them. shadow_bias: of the points of hits, along the normal [m]. instant: as of `Frames`."""
+    """Surfaces as walks need them. shadow_bias: of the points of hits, along the normal [m].
+
+    instant: as of `Frames`, of surfaces that move.
+    """
 
     shadow_bias: Float
     instant: UInt | None
