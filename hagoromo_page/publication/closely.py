@@ -1,7 +1,8 @@
 """Closely: what a page needs to show curvature, occlusion and stretched colours, and profiles with their band.
 
 Errors of distances are fields on a coarse grid, whose squares add up: simulated ones of what each pixel has of its own,
-and those that all pixels share. A page makes the band of any line of them, beside what is narrower than the grid.
+and those that all pixels share. A page makes the band of any line of them, beside what is narrower than the grid and
+what the width of the pixels leaves, which is a map of all pixels.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
 from hagoromo.measurement.inspection.curvature import curvature
+from hagoromo.measurement.inspection.footprint import unevenness
 from hagoromo.measurement.inspection.height_errors import MOST_PIXELS, distance_errors, short_error
 from hagoromo.measurement.inspection.occlusion import coarse_occlusion
 from hagoromo.measurement.inspection.seen_surface import SeenSurface, seen_surface
@@ -37,7 +39,8 @@ class CloseLook:
     """curvature: (h, w) [1/unit] and occlusion: (h, w), NaN where unknown, at the pixels of the photographs. stretch:
     of the body colours. errors: fields of the distance [m], (n, rows, columns), and short: (rows, columns) standard
     error [m] of what is narrower than a cell; None without errors. step: pixels along each side of a cell. points:
-    (h, w, 3) [m] of the surface, 0 where unknown.
+    (h, w, 3) [m] of the surface, 0 where unknown. width: (h, w) standard error of the distance [m] by the width of the
+    pixels, see `footprint`; None without errors.
     """
 
     points: Array
@@ -48,6 +51,7 @@ class CloseLook:
     errors: Array | None
     short: Array | None
     step: int
+    width: Array | None = None
 
     def record(self, x: float, y: float) -> dict[str, Any]:
         """What the page's script reads. x, y: place of the picture's first pixel in the photograph [px]."""
@@ -100,8 +104,12 @@ def close_look(measurement: Measurement, taken: Photographed) -> CloseLook | Non
             stretch = None  # of one channel, or of one colour
     step = -(-max(surface.known.shape) // GRID)
     errors, short = (None, None) if surface.own_variance is None else _errors(surface, step)
+    width = None
+    if surface.own_variance is not None:
+        width = surface.away * unevenness(surface.normals, surface.camera, surface.known, surface.own_variance).left
     open_share = coarse_occlusion(surface, OCCLUSION_PIXELS, OCCLUSION_DIRECTIONS)
-    return CloseLook(surface.points, curvature(surface).value, open_share, surface.unit, stretch, errors, short, step)
+    bent = curvature(surface).value
+    return CloseLook(surface.points, bent, open_share, surface.unit, stretch, errors, short, step, width)
 
 
 def _errors(surface: SeenSurface, step: int) -> tuple[Array | None, Array | None]:

@@ -23,6 +23,7 @@ LEAST_BITS, MOST_BITS = 14, 16  # of a normal; at the terminator sRGB is 13 time
 BODY_BITS, GLOSS_BITS, TAIL_BITS, ERROR_BITS = 10, 12, 8, 8
 CLOSE_TOP = 255  # of curvature and occlusion; 0 is unknown
 CLOSE = ("curvature", "occlusion")
+WIDTH_TOP, WIDTH_OCTAVES = 127, 16  # of errors by the width of pixels: steps of 9 %; 0 is none
 LEAST_ERROR = 1e-5  # of the logarithmic scales of errors
 ERROR_ENDS = (1.0, 99.0)  # % of the pixels whose errors are below each end of a scale: few wild ones do not stretch it
 
@@ -65,6 +66,10 @@ def quantised(maps: SurfaceMaps, scales: dict[str, Any] | None = None) -> Quanti
             value = getattr(maps, name)
             share = np.clip((np.nan_to_num(value) - low) / (high - low), 0.0, 1.0)
             planes[name] = np.where(np.isfinite(value), 1 + np.rint(share * (CLOSE_TOP - 1)), 0).astype(np.uint16)
+    if maps.width is not None and "width" in scales:
+        low, high = scales["width"]
+        share = np.log2(np.maximum(maps.width, low) / low) / np.log2(high / low)
+        planes["width"] = np.where(maps.width > low, 1 + np.rint(share * (WIDTH_TOP - 1)), 0).astype(np.uint16)
     for name in ("normal_error", "body_error", "gloss_error"):
         if name in scales:
             planes[name] = _logarithmic(getattr(maps, name), scales[name], ERROR_BITS)
@@ -92,6 +97,9 @@ def scale_of(maps: SurfaceMaps) -> dict[str, Any]:
     if maps.curvature is not None and maps.occlusion is not None:
         end = end_of_curvature(maps.curvature)
         scales |= {"curvature": [-end, end], "occlusion": [end_of_occlusion(maps.occlusion), 1.0]}
+    if maps.width is not None and maps.depth is not None and (maps.width[known] > 0.0).any():
+        high = float(maps.width[known].max())
+        scales |= {"width": [high / 2.0**WIDTH_OCTAVES, high], "width_top": WIDTH_TOP}
     for name in ("beta", "gamma"):
         values = getattr(maps, name)
         if values is not None:

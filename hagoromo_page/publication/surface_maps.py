@@ -21,7 +21,7 @@ from hagoromo_page.publication.closely import CloseLook
 
 FLIP = np.diag([1.0, -1.0, -1.0])  # OpenCV's camera axes ↔ the page's
 MAPS = ("labels", "normals", "body", "depth", "beta", "gamma", "tail", "normal_error", "body_error", "gloss_error",
-        "curvature", "occlusion")  # fmt: skip
+        "curvature", "occlusion", "width")  # fmt: skip
 MARGIN_PX = 2  # px around the object
 LEAST_KNOWN = np.pi / 2  # rad: a larger error of a direction says no more than that nothing is known of it
 Map = NDArray[np.float64]
@@ -36,7 +36,7 @@ class SurfaceMaps:
     the tail where it varies. normal_error: standard deviation of the normal's direction, ≤ π/2 [rad]. body_error:
     relative standard error of the body colour. gloss_error: relative standard error of γ. Each of these is None where
     it is not known, and 0 at unknown pixels. curvature [1/unit], occlusion: see `CloseLook`; NaN at unknown pixels.
-    has_scale: whether metres are metres. x, y: place of the first pixel in the photograph [px].
+    width [m]: see `CloseLook`; None where it is not known. has_scale: whether metres are metres. x, y: place of the first pixel in the photograph [px].
     """
 
     name: str
@@ -54,6 +54,7 @@ class SurfaceMaps:
     gloss_error: Map | None
     curvature: Map | None = field(default=None, kw_only=True)
     occlusion: Map | None = field(default=None, kw_only=True)
+    width: Map | None = field(default=None, kw_only=True)
     has_scale: bool
     x: float = 0.0
     y: float = 0.0
@@ -153,6 +154,7 @@ def surface_maps(
         has_scale=has_scale,
         curvature=None if look is None else look.curvature,
         occlusion=None if look is None else look.occlusion,
+        width=None if look is None else look.width,
     ).cropped()
 
 

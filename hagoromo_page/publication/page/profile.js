@@ -19,29 +19,30 @@ async function readErrors() {
   errorFields = { fields, short: Float32Array.from(planes.short, (v) => (v / own.top) * own.short), at, step: own.step };
 }
 
-function ownDepth(level, c, r) {  // depth of a pixel of a level [m]; 0 where unknown, −1 where its tile is not here
+function ownHeights(level, c, r) {  // depth of a pixel of a level, and its error by the width of the pixels [m]; 0 where unknown, −1 where its tile is not here
   const one = data.levels[level];
-  if (c < 0 || r < 0 || c >= one.width || r >= one.height) return 0;
+  if (c < 0 || r < 0 || c >= one.width || r >= one.height) return [0, 0];
   const column = Math.floor(c / data.side), row = Math.floor(r / data.side), tile = tiles.get(`${level}-${column}-${row}`);
-  if (!tile || !tile.heights) return -1;
-  const i = (r - tile.y) * tile.width + c - tile.x, range = data.scales.depth;
-  return tile.heights.label[i] ? range[0] + ((range[1] - range[0]) * tile.heights.depth[i]) / 65535 : 0;
+  if (!tile || !tile.heights) return [-1, 0];
+  const i = (r - tile.y) * tile.width + c - tile.x, range = data.scales.depth, ends = data.scales.width;
+  if (!tile.heights.label[i]) return [0, 0];
+  const code = tile.heights.width && ends ? tile.heights.width[i] : 0;
+  return [range[0] + ((range[1] - range[0]) * tile.heights.depth[i]) / 65535, code ? ends[0] * (ends[1] / ends[0]) ** ((code - 1) / (data.scales.width_top - 1)) : 0];
 }
 
-function depthAt(x, y) {  // page [px] → depth [m], between pixels of the finest level that is here; 0 where unknown
+function heightsAt(x, y) {  // page [px] → depth and its error by the width of the pixels [m], between pixels of the finest level that is here; null where unknown
   for (let level = 0; level < data.levels.length; level++) {
     const factor = data.levels[level].factor, u = x / factor - 0.5, v = y / factor - 0.5, c = Math.floor(u), r = Math.floor(v);
-    const four = [[c, r], [c + 1, r], [c, r + 1], [c + 1, r + 1]].map(([a, b]) => ownDepth(level, a, b));
-    if (four.some((one) => one < 0)) continue;
-    if (four.some((one) => one === 0)) return 0;
+    const four = [[c, r], [c + 1, r], [c, r + 1], [c + 1, r + 1]].map(([a, b]) => ownHeights(level, a, b));
+    if (four.some(([depth]) => depth < 0)) continue;
+    if (four.some(([depth]) => depth === 0)) return null;
     const du = u - c, dv = v - r;
-    return (1 - dv) * ((1 - du) * four[0] + du * four[1]) + dv * ((1 - du) * four[2] + du * four[3]);
+    return [0, 1].map((k) => (1 - dv) * ((1 - du) * four[0][k] + du * four[1][k]) + dv * ((1 - du) * four[2][k] + du * four[3][k]));
   }
-  return 0;
+  return null;
 }
 
-function placeAt(x, y) {  // point [m] in the camera's axes; null where unknown
-  const depth = depthAt(x, y);
+function placeAt(x, y, depth) {  // point [m] in the camera's axes; null where unknown
   return depth ? [((x - data.principal[0]) / data.focal[0]) * depth, ((y - data.principal[1]) / data.focal[1]) * depth, depth] : null;
 }
 
@@ -52,7 +53,7 @@ const unit = (a) => { const size = Math.hypot(...a); return a.map((v) => v / siz
 function heightsAlong(a, b) {  // distance, height and standard error at places of a line [mm or px]; null without two ends
   const px = Math.hypot(b[0] - a[0], b[1] - a[1]), count = Math.min(Math.max(Math.ceil(px) + 1, 3), MOST_PLACES);
   const places = Array.from({ length: count }, (_, k) => a.map((v, i) => v + ((b[i] - v) * k) / (count - 1)));
-  const points = places.map((p) => placeAt(...p)), first = points[0], last = points[count - 1];
+  const found = places.map((p) => heightsAt(...p)), points = places.map((p, k) => placeAt(...p, found[k] && found[k][0])), first = points[0], last = points[count - 1];
   if (px < 2 || !first || !last) return null;
   const along = unit(minus(last, first)), middle = first.map((v, i) => -(v + last[i]) / 2), tilt = dot(middle, along);
   const up = unit(middle.map((v, i) => v - tilt * along[i])), length = Math.hypot(...minus(last, first));
@@ -61,6 +62,7 @@ function heightsAlong(a, b) {  // distance, height and standard error at places 
   const made = { unit: data.hasScale ? "mm" : "px", places, distance: [], height: [], error: [] };
   const moved = (k, values) => errorFields.at(values, ...places[k]) * dot(unit(points[k]), up);
   const fields = errorFields ? errorFields.fields.map((one) => [one, moved(0, one), moved(count - 1, one)]) : [];
+  const narrow = (k) => found[k][1] * dot(unit(points[k]), up), narrowEnds = [narrow(0), narrow(count - 1)];
   const ends = errorFields ? [moved(0, errorFields.short), moved(count - 1, errorFields.short)] : [];
   points.forEach((point, k) => {
     if (!point) { for (const one of [made.distance, made.height, made.error]) one.push(NaN); return; }
@@ -72,6 +74,7 @@ function heightsAlong(a, b) {  // distance, height and standard error at places 
     const away = (Math.min(k, count - 1 - k) * px * data.pixel) / (count - 1);  // photograph px from the nearer end
     const share = Math.min(Math.log(1 + away) / Math.log(1 + errorFields.step), 1);
     variance += share * (moved(k, errorFields.short) ** 2 + ((1 - s) * ends[0]) ** 2 + (s * ends[1]) ** 2);
+    if (s > 0 && s < 1) variance += narrow(k) ** 2 + ((1 - s) * narrowEnds[0]) ** 2 + (s * narrowEnds[1]) ** 2;
     made.error.push(Math.sqrt(variance) * factor);
   });
   return made;

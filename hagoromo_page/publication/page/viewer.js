@@ -230,7 +230,7 @@ class Tile {
     for (let k = 0; k < layers; k++) bodies.set(interleaved(planes, [0, 1, 2, 3].map((c) => `body${4 * k + c}`), size), 4 * size * k);
     this.bodies = texture(gl.TEXTURE_2D_ARRAY, gl.RGBA16UI, this.width, this.height, layers, bodies, gl.UNSIGNED_SHORT, gl.RGBA_INTEGER);
     this.closely = planes.curvature ? upload(["curvature", "occlusion"]) : this.extra;
-    this.heights = planes.depth ? { label: planes.label, depth: planes.depth } : null;
+    this.heights = planes.depth ? { label: planes.label, depth: planes.depth, width: planes.width } : null;
     this.target = target(this.width, this.height, true);
   }
 
