@@ -21,6 +21,7 @@ from hagoromo.files.stores import address
 from hagoromo.files.tiff import read_tiff
 from hagoromo.files.whole import replaceable_file
 from hagoromo.image.any_picture import convert_picture
+from hagoromo.image.film.motion import read_motion
 from hagoromo.image.image import read_image
 from hagoromo.image.scene_file import load_scene
 from hagoromo.image.spectral_exr import spectral_picture, write_spectral_exr
@@ -153,7 +154,11 @@ def _scene(found: Format, job: Job) -> Any:
     form = job.target("scene")
     if form is None:
         return _refused(found, job)
-    return form.write(load_scene(Path(job.source), job.progress)[0], job.out, job.force)
+    scene, motion = load_scene(Path(job.source), job.progress)[0], read_motion(Path(job.source))
+    if form.moves:
+        return form.write(scene, job.out, job.force, motion=motion if motion.key_times else None)
+    lost = form.write(scene, job.out, job.force)
+    return [*lost, "motion"] if motion.key_times else lost
 
 
 def _cameras(found: Format, job: Job) -> Any:

@@ -128,11 +128,12 @@ FORMATS = (
     Format(
         "USD", "scene", USD, MESH, f"{SCENES}.usd_out:usd_from_scene", "usd-core, in a process of its own",
         "tinyusdz, the validators of usd-core; Blender",
-        "files that are composed, textures but those of colour, gloss and normals, IES, motion, instancers, cages' "
-        "subdivision; "
+        "files that are composed, textures but those of colour, gloss and normals, IES, motion of lamps, and by other "
+        "than shifts and turns, instancers, cages' subdivision; "
         "out: volume boxes, maps of environments, distortion, profiles of lamps, spectra",
         facts=f"{SCENES}.usd_parts:usd_facts", as_scene=f"{SCENES}.usd_scene:scene_from_usd",
         triangles=f"{SCENES}.usd_parts:read_usd_mesh", mesh_writer=f"{SCENES}.usd_out:write_usd_mesh", growth=60.0,
+        moves=True,
     ),
     Format(
         "glTF", "scene", (".glb", ".gltf"), MESH, f"{SCENES}.gltf_scene:gltf_from_scene",

@@ -44,7 +44,7 @@ class Format:
     `convert --to` calls it, where a suffix does not say it. parts: whether a colon and the name of a part may follow.
     as_scene: path, folder, force → scene.toml there, and what was lost. triangles: path → vertices and faces of a mesh
     that trimesh does not read. mesh_writer: of its vertices and faces, to a path, by force. growth: memory of a mesh
-    while it is read, in sizes of its file; 0: it holds none.
+    while it is read, in sizes of its file; 0: it holds none. moves: whether the writer of scenes takes their motion.
     """
 
     name: str
@@ -66,6 +66,7 @@ class Format:
     triangles: str = ""
     mesh_writer: str = ""
     growth: float = 0.0
+    moves: bool = False
 
     @property
     def read(self) -> Callable[..., Any]:

@@ -17,7 +17,10 @@ from hagoromo.files.png import write_png
 from hagoromo.files.reading import library
 from hagoromo.files.udim import MARK
 from hagoromo.files.whole import check_written, replaceable_file, scratch_folder, whole_file, whole_files
+from hagoromo.image.film.motion import Motion
+from hagoromo.image.film.shutter import camera_pose
 from hagoromo.image.scene import Scene
+from hagoromo.image.scene_surface import NOWHERE
 from hagoromo.image.surface import Surface
 from hagoromo.image.tiled_image import Tiles, tiles_of
 from hagoromo.light.colour import srgb_encode
@@ -26,18 +29,23 @@ from hagoromo_formats.scenes.gltf_scene import triangles_of
 from hagoromo_formats.scenes.pbr import PbrMaterial, linear, lost_gloss, normal_fresnel
 from hagoromo_formats.scenes.pbr_textures import look_of, lost_textures, uvs_of
 from hagoromo_formats.scenes.relief_normals import relief_normals
+from hagoromo_formats.scenes.usd_motion import rest
 from hagoromo_formats.scenes.usd_stage import ARCHIVE
 
 APERTURE = 0.36  # tenths of a metre: a film of 36 mm
 FAR_FOCUS = 1e6  # m
+MOST_FRAMES = 5000  # of time samples; of a longer film so many, evenly
 ONE = 1, 1  # tile
 ROOT = Path("scene.usdc")  # of an archive
 Matrix = NDArray[np.float64]
 Pixels = NDArray[np.uint8] | NDArray[np.uint16]
 
 
-def usd_from_scene(scene: Scene, out: str | Path, force: bool = False) -> list[str]:
-    """Write camera, lamps and surfaces of a scene as USD; returns what is lost, a line each."""
+def usd_from_scene(scene: Scene, out: str | Path, force: bool = False, motion: Motion | None = None) -> list[str]:
+    """Write camera, lamps and surfaces of a scene as USD; returns what is lost, a line each.
+
+    motion: of the scene's file, whose keyframes become time samples, and its shutter that of the camera.
+    """
     if not (scene.surfaces or scene.lamps or any(len(light.stands_at) for light in scene.wide_lights)):
         raise InputError("the scene has no surface and no lamp, and this USD holds no volume boxes: write an OpenVDB")
     replaceable_file(out, force)
@@ -47,6 +55,9 @@ def usd_from_scene(scene: Scene, out: str | Path, force: bool = False) -> list[s
         writer.surface(surface)
     for light in (*scene.lamps, *scene.wide_lights):
         writer.light(light)
+    writer.boxes += [writer.define("Xform", box.name or "box", box.pose) for box in scene.boxes]
+    if motion is not None:
+        writer.move(scene, motion)
     writer.write(out, force)
     return [*writer.lost, *_lost(scene)]
 
@@ -61,7 +72,7 @@ def write_usd_mesh(vertices: Any, faces: Any, out: str | Path, force: bool = Fal
 def _lost(scene: Scene) -> Iterator[str]:
     camera = scene.camera
     if scene.boxes:
-        yield f"{len(scene.boxes)} volume boxes: write each as .vdb"
+        yield f"{len(scene.boxes)} volume boxes: write each as .vdb, for the empty Xform of its name"
     if any(camera.distortion):
         yield "the distortion of the lens"
     if abs(camera.focal[0] / camera.focal[1] - 1.0) > 1e-6:
@@ -90,6 +101,8 @@ class _Writer:
         self.geometry.SetStageMetersPerUnit(self.stage, 1.0)
         self.stage.SetDefaultPrim(self.geometry.Xform.Define(self.stage, "/scene").GetPrim())
         self.count = 0
+        self.seen_by: Any = None
+        self.surfaces, self.boxes = list[Any](), list[Any]()
         self.tiles: Tiles | None = None  # of the surface that is written
 
     def write(self, out: str | Path, force: bool) -> None:
@@ -132,7 +145,7 @@ class _Writer:
         if camera.aperture:
             focus = camera.focus if math.isfinite(camera.focus) else FAR_FOCUS
             lens = {"fStop": 0.1 * length / camera.aperture, "focusDistance": focus}
-        prim = self.define("Camera", camera.name or "camera", opengl_from_opencv(camera.camera_to_world))
+        self.seen_by = prim = self.define("Camera", camera.name or "camera", opengl_from_opencv(camera.camera_to_world))
         self.set(
             prim, focalLength=length, horizontalAperture=APERTURE, verticalAperture=high,
             horizontalApertureOffset=(0.5 - camera.principal[0] / width) * APERTURE,
@@ -175,6 +188,7 @@ class _Writer:
         else:
             smooth = surface.shape == "mesh" and surface.smooth
             prim = self.mesh(surface.name or surface.shape, vertices, faces, surface.pose, smooth)
+        self.surfaces.append(prim)
         uv = None if uv is None else np.asarray(uv, float) * surface.tiles
         by_tiles = uv is not None and surface.tiles != ONE
         self.tiles = Tiles(surface.tiles, tuple(sorted(tiles_of(uv, faces)))) if by_tiles else None
@@ -202,6 +216,43 @@ class _Writer:
             primvar.Set(library("pxr.Vt").Vec2fArray.FromNumpy(np.ascontiguousarray(uv, np.float32)))
         material.CreateSurfaceOutput().ConnectToSource(shader.ConnectableAPI(), "surface")
         self.shade.MaterialBindingAPI.Apply(prim).Bind(material)
+
+    def move(self, scene: Scene, motion: Motion) -> None:
+        """Time samples of camera, surfaces and boxes at the keyframes and at each frame; a time code is a frame."""
+        rate, geometry = motion.rate, self.geometry
+        self.stage.SetTimeCodesPerSecond(rate)
+        self.stage.SetFramesPerSecond(rate)
+        self.stage.SetStartTimeCode(0.0)
+        self.stage.SetEndTimeCode(rate * motion.seconds)
+        frames = np.linspace(0.0, motion.seconds, min(math.ceil(motion.seconds * rate), MOST_FRAMES) + 1)
+        every = [(float(rate * time), motion.at(float(time))) for time in sorted({*frames.tolist(), *motion.key_times})]
+        if motion.shutter is not None:
+            opened, closed = (rate * each for each in motion.shutter)
+            self.set(self.seen_by, **{"shutter:open": opened, "shutter:close": closed})
+        if motion.camera:
+            (place,) = geometry.Xformable(self.seen_by).GetOrderedXformOps()
+            for code, tables in every:
+                pose = opengl_from_opencv(np.linalg.inv(camera_pose(tables["camera"], scene)))
+                place.Set(self.numbers.Matrix4d(pose.T.tolist()), code)
+        things = {"surface": (motion.surfaces, self.surfaces, scene.surfaces),
+                  "box": (motion.boxes, self.boxes, scene.boxes)}  # fmt: skip
+        for what, (keyed, prims, of) in things.items():
+            for number in keyed:
+                own = np.asarray(np.linalg.inv(rest(motion.tables[what][number])) @ of[number].pose, np.float64)
+                places = [(code, tables[what][number]) for code, tables in every]
+                self.moved(prims[number], own, places)
+        if motion.lamps:
+            self.lost.append("motion of lamps")
+
+    def moved(self, prim: Any, own: Matrix, places: list[tuple[float, dict[str, Any]]]) -> None:
+        """Shift and turn an object by its keys position and rotation_deg at time codes. own: what it has besides."""
+        thing = self.geometry.Xformable(prim)
+        thing.ClearXformOpOrder()
+        shift, turn, fixed = thing.AddTranslateOp(), thing.AddRotateXYZOp(), thing.AddTransformOp()
+        fixed.Set(self.numbers.Matrix4d(own.T.tolist()))
+        for code, now in places:
+            shift.Set(self.numbers.Vec3d(*now.get("position", NOWHERE)), code)
+            turn.Set(self.numbers.Vec3f(*now.get("rotation_deg", NOWHERE)), code)
 
     def paint(self, prim: Any, colours: Matrix) -> None:
         """displayColor: one colour, or those of all vertices."""

@@ -25,7 +25,7 @@ SHAPES = {"Sphere": {"radius": 1.0}, "Cube": {"size": 2.0}, "Plane": {"width": 2
 CAMERA = {
     "focalLength": 50.0, "horizontalAperture": 20.955, "verticalAperture": 15.2908, "horizontalApertureOffset": 0.0,
     "verticalApertureOffset": 0.0, "fStop": 0.0, "focusDistance": 0.0, "projection": "perspective", "exposure": 0.0,
-    "clippingRange": None, "clippingPlanes": None,
+    "clippingRange": None, "clippingPlanes": None, "shutter:open": 0.0, "shutter:close": 0.0,
 }  # fmt: skip
 LAMP = {
     "intensity": None, "exposure": 0.0, "color": (1.0, 1.0, 1.0), "normalize": False, "enableColorTemperature": False,
@@ -55,7 +55,7 @@ class UsdMesh(NamedTuple):
     """Triangles (m, 3) of vertices (n, 3) [m], world. smooth: normals change within a triangle. material: its path.
 
     colour: the mean of its displayColor, linear, and colours (n, 3) where it differs from place to place. uv: (n, 2), v
-    up, those that the material's textures lie on.
+    up, those that the material's textures lie on. motion: of what moves, its places at time codes, see `Places.moving`.
     """
 
     name: str
@@ -66,6 +66,7 @@ class UsdMesh(NamedTuple):
     colour: list[float] | None
     uv: NDArray[np.float64] | None
     colours: NDArray[np.float64] | None
+    motion: dict[str, Any] | None = None
 
 
 class UsdParts(NamedTuple):
@@ -73,8 +74,9 @@ class UsdParts(NamedTuple):
 
     materials: path → numbers of a UsdPreviewSurface, textures: input → numbers of the picture that gives it, uvs: the
     name of those that they lie on, painted: whether displayColor is its colour, textured: the inputs that something
-    else gives; empty: of another kind. size: (width, height) [px] of its render settings. lost: a line
-    for each thing that is not read.
+    else gives; empty: of another kind. size: (width, height) [px] of its render settings. clock:
+    per_second, of its time codes, frames (a second), first and last (time codes, if stated). lost: a line for each
+    thing that is not read.
     """
 
     meshes: list[UsdMesh]
@@ -84,6 +86,7 @@ class UsdParts(NamedTuple):
     materials: dict[str, dict[str, Any]]
     size: tuple[int, int] | None
     metres: float
+    clock: dict[str, float]
     lost: list[str]
 
 
@@ -121,6 +124,7 @@ class _StageReader:
         self.path, self.corners = path, 0.0
         self.stage = open_stage(path)
         self.places = Places(self.stage)
+        self.timed = any(layer.ListAllTimeSamples() for layer in self.stage.GetUsedLayers())
         self.meshes: list[dict[str, Any]] = []
         self.found: dict[str, NDArray[Any]] = {}
         self.tables: dict[str, list[dict[str, Any]]] = {"shapes": [], "cameras": [], "lamps": []}
@@ -130,6 +134,7 @@ class _StageReader:
     def arrays(self) -> dict[str, NDArray[Any]]:
         geometry, size = library("pxr.UsdGeom"), None
         for prim in shown(self.stage):
+            self.lost += self.changing(prim)
             kind = str(prim.GetTypeName())
             if kind == "Mesh":
                 self.mesh(prim)
@@ -149,14 +154,33 @@ class _StageReader:
                 size = tuple(int(x) for x in value(prim, "resolution", (2048, 1080)))
             elif prim.IsA(geometry.Gprim) or kind.endswith("Light") or kind == "PointInstancer":
                 self.lost.append(f"{prim.GetPath()}, a {kind}")
-        if any(layer.ListAllTimeSamples() for layer in self.stage.GetUsedLayers()):
-            self.lost.append("motion: the earliest time is read")
         if not self.stage.HasAuthoredMetadata("metersPerUnit"):
             self.lost.append("nothing of its lengths, which state no unit: USD then says centimetres")
         record = {"meshes": self.meshes, **self.tables, "materials": self.materials, "size": size,
-                  "metres": self.places.metres, "lost": self.lost}  # fmt: skip
+                  "metres": self.places.metres, "clock": self.clock(), "lost": self.lost}  # fmt: skip
         text = json.dumps(record, default=_plain).encode()
         return {"record": np.frombuffer(text, np.uint8), **self.found}
+
+    def clock(self) -> dict[str, float]:
+        """Time codes a second, frames a second, and where they are stated the first and the last time code."""
+        stage = self.stage
+        found = {"per_second": stage.GetTimeCodesPerSecond(), "frames": stage.GetFramesPerSecond()}
+        if stage.HasAuthoredTimeCodeRange():
+            found |= {"first": stage.GetStartTimeCode(), "last": stage.GetEndTimeCode()}
+        if not (all(map(np.isfinite, found.values())) and found["per_second"] > 0.0):
+            raise ValueError(f"its time codes are {found}")
+        return found
+
+    def changing(self, prim: Any) -> Iterator[str]:
+        """A line for each attribute but its transform that changes over time."""
+        for attribute in prim.GetAttributes() if self.timed else ():
+            name = str(attribute.GetName())
+            if attribute.ValueMightBeTimeVarying() and not name.startswith("xformOp:"):
+                yield f"{prim.GetPath()}: how its {name} changes: the earliest time is read"
+
+    def moving(self, prim: Any) -> dict[str, Any] | None:
+        """See `Places.moving`."""
+        return self.places.moving(prim) if self.timed else None
 
     def add(self, section: str, prim: Any, numbers: Mapping[str, Any], **more: Any) -> None:
         table = {key: value(prim, key, default) for key, default in numbers.items()}
@@ -164,7 +188,9 @@ class _StageReader:
         if not np.isfinite(place).all():
             raise ValueError(f"{prim.GetPath()} has a transform that is not finite")
         name = prim.GetDisplayName() or prim.GetName()
-        self.tables[section].append({"kind": str(prim.GetTypeName()), "name": name, "place": place, **table, **more})
+        moved = {"motion": self.moving(prim)}
+        known = {"kind": str(prim.GetTypeName()), "name": name, "place": place}
+        self.tables[section].append({**known, **moved, **table, **more})
 
     def mesh(self, prim: Any) -> None:
         """A mesh, or one for each of its parts of another material."""
@@ -187,7 +213,7 @@ class _StageReader:
         smooth = cage or self.smooth(prim, counts, corners)
         world = points @ place[:3, :3].T + place[:3, 3]
         colour, colours = self.colour(prim, True), self.by_corner(prim, COLOUR, 3, counts, corners)
-        sets: dict[str, NDArray[np.float64] | None] = {}
+        motion, sets = self.moving(prim), dict[str, NDArray[np.float64] | None]()
         for material, chosen in self.subsets(prim, len(counts)):
             faces = triangles[chosen[polygon]]
             if not len(faces):
@@ -208,7 +234,7 @@ class _StageReader:
                 if values is not None:
                     self.found[f"{key}{number}"] = values[place_of]
             self.meshes.append({"name": prim.GetDisplayName() or prim.GetName(), "smooth": smooth,
-                                "material": material, "colour": colour})  # fmt: skip
+                                "material": material, "colour": colour, "motion": motion})  # fmt: skip
 
     def by_corner(
         self, prim: Any, name: str, width: int, counts: NDArray[np.int64], corners: NDArray[np.int64]

@@ -24,6 +24,7 @@ from hagoromo.files.exr import write_exr
 from hagoromo.files.reading import reading
 from hagoromo.files.toml_text import toml_text
 from hagoromo.files.whole import whole_folder, write_text
+from hagoromo.image.film.motion import read_motion
 from hagoromo.image.scene_file import load_scene
 from hagoromo.image.surface import RELIEFS, TEXTURES
 from hagoromo.light.colour import linear_colour, srgb_encode
@@ -33,6 +34,7 @@ from hagoromo_formats.mitsuba.bsdfs import Converter
 from hagoromo_formats.mitsuba.read import LARGEST_MAP, angles_of
 from hagoromo_formats.scenes.pbr import PbrMaterial, normal_fresnel, rgb, surface_of
 from hagoromo_formats.scenes.pbr_textures import gloss_of_colours
+from hagoromo_formats.scenes.usd_motion import Placed, camera_keys, motion_table, placed
 from hagoromo_formats.scenes.usd_parts import NORMAL, UsdMesh, UsdParts, read_usd
 from hagoromo_formats.scenes.usd_stage import unpacked
 from hagoromo_formats.scenes.usd_textures import UsdTextures
@@ -48,6 +50,7 @@ MOST_CONE = 179.0  # degrees
 # columns: axes of our maps in the frame of DomeLight (pole +y, middle +z, +x a quarter to its left)
 DOME = np.array([[0.0, 1, 0], [0, 0, 1], [1, 0, 0]])
 POLE_Z = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
+UNMOVED = np.eye(4)
 ROUND = 1e-4  # relative difference of the scales along the axes of a sphere
 
 
@@ -70,6 +73,8 @@ def _scene_from(file: Path, path: Path, out: str | Path, force: bool) -> list[st
         scene = _UsdScene(parts, path, file.parent, folder)
         write_text(folder / "scene.toml", toml_text(scene.record()))
         load_scene(folder / "scene.toml")  # what is no scene is refused here
+        if scene.keys["camera"] or scene.keys["surface"]:
+            read_motion(folder / "scene.toml")
     return list(dict.fromkeys(scene.lost))
 
 
@@ -81,11 +86,15 @@ class _UsdScene:
         self.path = path
         self.known: dict[tuple[str, bool, bool], Table] = {}  # tables of materials
         self.environment: Table | None = None
+        self.keys: dict[str, list[Table]] = {"camera": [], "surface": []}
+        self.shutter = 0.0, 0.0
         self.lamps: list[Table] = []
         self.area_lamps: list[Table] = []
 
     def record(self) -> Table:
-        surfaces = [*self.meshes(), *(self.shape(table) for table in self.parts.shapes)]
+        surfaces = self.meshes()
+        for table in self.parts.shapes:
+            surfaces.append(self.shape(table, len(surfaces)))
         cameras = self.cameras()
         for lamp in self.parts.lamps:
             self.lamp(lamp, f"lamp {lamp['name']!r}")
@@ -103,6 +112,7 @@ class _UsdScene:
             },
             **{key: tables for key, tables in sections.items() if tables},
             **({"environment": self.environment} if self.environment else {}),
+            **({"motion": motion_table(self.parts.clock, self.keys, self.shutter)} if any(self.keys.values()) else {}),
         }  # fmt: skip
 
     def cameras(self) -> dict[str, Camera]:
@@ -119,6 +129,11 @@ class _UsdScene:
             if table["exposure"]:
                 self.lost.append(f"camera {name!r}: its exposure")
             cameras[name] = self.camera(table, name)
+            if len(cameras) == 1:
+                self.shutter = float(table["shutter:open"]), float(table["shutter:close"])
+                self.keys["camera"] = camera_keys(*_motion(table)) if table["motion"] else []
+            elif table["motion"]:
+                self.lost.append(f"camera {name!r}: its motion, as the first one's is read")
         if not cameras:
             self.lost.append("made up: the file has no camera: one looks along y at all of it")
             cameras["camera"] = self.whole_view()
@@ -171,16 +186,38 @@ class _UsdScene:
                 visual = TextureVisuals(mesh.uv)
             elif "body_texture" in body and mesh.colours is not None:
                 visual = ColorVisuals(vertex_colors=srgb_encode(np.clip(mesh.colours, 0.0, 1.0)))
-            whole = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False, visual=visual)
+            moved, place = self.moved(mesh.name, len(tables), mesh.motion), {}
+            vertices = mesh.vertices
+            if moved is not None:
+                place, back = self.at_rest(len(tables)), np.linalg.inv(moved.places[0])
+                vertices = vertices @ back[:3, :3].T + back[:3, 3]
+            whole = trimesh.Trimesh(vertices, mesh.faces, process=False, visual=visual)
             data: Any = whole.export(file_type="ply")
             (self.folder / file).write_bytes(data)
             smooth = {} if mesh.smooth else {"smooth": False}
-            tables.append({"mesh": file, "name": mesh.name, **smooth, **body})
+            tables.append({"mesh": file, "name": mesh.name, **smooth, **place, **body})
         if any(mesh.smooth for mesh in self.parts.meshes):
             self.lost.append("normals: those of the surfaces stand in their place")
         return tables
 
-    def shape(self, table: Table) -> Table:
+    def moved(self, name: str, number: int, motion: Table | None, local: Matrix = UNMOVED) -> Placed | None:
+        """The motion of surface `number`, whose keyframes are added; None where it stands still, or a line says why."""
+        if motion is None:
+            return None
+        places, times = _motion({"motion": motion})
+        found = placed(places @ local, times)
+        if found is None:
+            self.lost.append(f"{name!r}: its motion, which is not of shifts and turns alone")
+            return None
+        self.keys["surface"] += found.keys(surface=number)
+        return found
+
+    def at_rest(self, number: int) -> Table:
+        """Where a surface that moves stands at the first time."""
+        key = next(each for each in self.keys["surface"] if each["surface"] == number)
+        return {"position": key["position"], "rotation_deg": key["rotation_deg"]}
+
+    def shape(self, table: Table, number: int) -> Table:
         place, kind = _matrix(table), {"Sphere": "sphere", "Cube": "cube", "Plane": "rectangle"}[table["kind"]]
         if kind == "sphere":
             place[:3, :3] *= float(table["radius"])
@@ -193,6 +230,16 @@ class _UsdScene:
             axes = {"X": [2, 1, 0], "Y": [0, 2, 1], "Z": [0, 1, 2]}[str(table["axis"])]  # width, length, normal
             place[:3, :3] = place[:3, axes] * (0.5 * float(table["width"]), 0.5 * float(table["length"]), 1.0)
         body = self.body(table["material"], table["colour"], table["name"])
+        if table["motion"] is not None:
+            local = np.linalg.inv(_matrix(table)) @ place
+            moved = self.moved(table["name"], number, table["motion"], local)
+            if moved is not None:
+                size = np.diag(moved.own[:3, :3])
+                if np.allclose(moved.own[:3, :3], np.diag(size), atol=ROUND * np.abs(size).max()):
+                    rest = {"scale": np.abs(size).tolist(), **self.at_rest(number)}
+                    return {"shape": kind, **rest, "name": table["name"], **body}
+                self.keys["surface"] = [key for key in self.keys["surface"] if key["surface"] != number]
+                self.lost.append(f"{table['name']!r}: its motion, as it is sheared: make it a mesh")
         return {"shape": kind, "pose": place.ravel().tolist(), "name": table["name"], **body}
 
     def body(self, path: str, colour: list[float] | None, who: str, mesh: UsdMesh | None = None) -> Table:
@@ -277,6 +324,8 @@ class _UsdScene:
         if table["shaping:ies:file"]:
             self.lost.append(f"{who}: its IES file")
         kind, place = table["kind"], _matrix(table)
+        if table["motion"]:
+            self.lost.append(f"{who}: its motion: the earliest time is read")
         if kind.startswith("DomeLight"):
             self.dome(table, place, rgb, who)
         elif kind == "DistantLight":
@@ -371,6 +420,11 @@ class _UsdScene:
             raise InputError(f"{who} is mirrored or sheared: give a turn")
         pole = POLE_Z if table["poleAxis"] == "Z" else np.eye(3)
         self.environment |= {"file": name, "rotation_deg": angles_of(turn @ pole @ DOME)}
+
+
+def _motion(table: Table) -> tuple[Matrix, list[float]]:
+    """Places (n, 4, 4) of a thing that moves, and their time codes."""
+    return np.array(table["motion"]["places"], np.float64).reshape(-1, 4, 4), table["motion"]["times"]
 
 
 def _matrix(table: Table) -> Matrix:

@@ -29,6 +29,7 @@ USD = (*PLAIN, ARCHIVE)
 MOST_FILES = 10_000  # in an archive
 GROWTH = 40.0  # memory of what is in a file, in sizes of the file
 LARGEST_FILE = 1 << 32  # bytes
+MOST_SAMPLES = 1_000_000  # of transforms over time
 MOST_OBJECTS = 100_000  # with those that references put in place
 DEEPEST = 200  # objects within objects
 UP = {"Y": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]), "Z": np.eye(3)}  # axes of the file → x, y, z with z up
@@ -125,11 +126,33 @@ class Places:
             raise ValueError(f"its metersPerUnit is {self.metres}")
         self.world = np.eye(4)
         self.world[:3, :3] = self.metres * UP[str(geometry.GetStageUpAxis(stage))]
-        self._cache = geometry.XformCache(usd.TimeCode.EarliestTime())
+        self._caches: dict[float | None, Any] = {None: geometry.XformCache(usd.TimeCode.EarliestTime())}
+        self._samples = 0
 
-    def of(self, prim: Any) -> NDArray[np.float64]:
-        """The place of an object."""
-        return self.world @ np.array(self._cache.GetLocalToWorldTransform(prim), np.float64).T
+    def of(self, prim: Any, time: float | None = None) -> NDArray[np.float64]:
+        """The place of an object, at a time code."""
+        if time not in self._caches:
+            self._caches[time] = library("pxr.UsdGeom").XformCache(library("pxr.Usd").TimeCode(time))
+        return self.world @ np.array(self._caches[time].GetLocalToWorldTransform(prim), np.float64).T
+
+    def moving(self, prim: Any) -> dict[str, Any] | None:
+        """Its places (n, 16) at the time codes at which its transform, or one of what holds it, is sampled; None where
+        it stands still.
+        """
+        geometry, times, one = library("pxr.UsdGeom"), set[float](), prim
+        while one and not one.IsPseudoRoot():
+            place = geometry.Xformable(one)
+            times |= set(place.GetTimeSamples()) if place else set()
+            one = one.GetParent()
+        self._samples += len(times)
+        if self._samples > MOST_SAMPLES:
+            raise ValueError(f"it has more than {MOST_SAMPLES} time samples of transforms")
+        places = np.array([self.of(prim, time) for time in sorted(times)])
+        if len(times) < 2 or not np.ptp(places, axis=0).any():
+            return None
+        if not np.isfinite(places).all():
+            raise ValueError(f"{prim.GetPath()} has a transform that is not finite")
+        return {"times": sorted(times), "places": places.reshape(-1, 16).tolist()}
 
 
 def value(prim: Any, name: str, default: Any) -> Any:

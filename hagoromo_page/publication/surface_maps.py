@@ -36,7 +36,8 @@ class SurfaceMaps:
     the tail where it varies. normal_error: standard deviation of the normal's direction, ≤ π/2 [rad]. body_error:
     relative standard error of the body colour. gloss_error: relative standard error of γ. Each of these is None where
     it is not known, and 0 at unknown pixels. curvature [1/unit], occlusion: see `CloseLook`; NaN at unknown pixels.
-    width [m]: see `CloseLook`; None where it is not known. has_scale: whether metres are metres. x, y: place of the first pixel in the photograph [px].
+    width [m]: see `CloseLook`; None where it is not known. has_scale: whether metres are metres. x, y: place of the
+    first pixel in the photograph [px].
     """
 
     name: str

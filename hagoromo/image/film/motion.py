@@ -31,7 +31,8 @@ Key = TypeVar("Key", CameraKey, LampKey, BoxKey, SurfaceKey)
 class Motion:
     """The keyframes of the tables of a scene, checked. seconds: length of the film. rate: frames a second.
 
-    shutter: when it opens and closes, from the time of a picture [s]; None: pictures are of one instant.
+    key_times: of all keyframes [s]. shutter: when it opens and closes, from the time of a picture [s]; None: pictures
+    are of one instant.
     """
 
     def __init__(self, tables: Tables, folder: Path, where: str) -> None:
@@ -53,8 +54,8 @@ class Motion:
         self.surfaces = self._of_things(record.surface, SurfaceKey, "surface")
         things = (self.lamps, self.boxes, self.surfaces)
         keys = [*self.camera, *(key for of in things for each in of.values() for key in each)]
-        last = max((key.time for key in keys), default=0.0)
-        self.seconds = record.seconds or last
+        self.key_times = sorted({key.time for key in keys})
+        self.seconds = record.seconds or max(self.key_times, default=0.0)
         if keys and not self.seconds > 0.0:
             raise InputError(f"{where} [motion]: all keyframes are of time 0: give later ones, or seconds")
         if not 1.0 <= self.rate <= 240.0:

@@ -43,7 +43,7 @@ def moving_at(motion: Motion, time: float, tables: Tables, scene: Scene) -> Movi
             f"boxes and surfaces: leave its keyframes out, or render the mean of pictures at several times (--times 16)"
         )
     with described(motion.where):
-        cameras = np.array([_camera_pose(each["camera"], scene) for each in every])
+        cameras = np.array([camera_pose(each["camera"], scene) for each in every])
         still = np.reshape(np.array([box.pose for box in scene.boxes]), (1, len(scene.boxes), 4, 4))
         boxes = np.repeat(still, INSTANTS, axis=0)
         for number in motion.boxes:
@@ -97,7 +97,8 @@ def _mean(arrays: list[NDArray[np.float32]]) -> NDArray[np.float32]:
     return np.asarray(np.mean(np.stack(arrays), axis=0, dtype=np.float64), np.float32)
 
 
-def _camera_pose(table: Tables, scene: Scene) -> np.ndarray:
+def camera_pose(table: Tables, scene: Scene) -> np.ndarray:
+    """World to camera (4, 4) of the table [camera] of a scene at a time; scene: that of other tables."""
     if "eye" in table:
         return scene.camera.look_at(table["eye"], table.get("target", NOWHERE), table.get("up", UP)).world_to_camera
     return np.reshape(np.array(table["world_to_camera"], float), (4, 4))
