@@ -31,6 +31,9 @@ class RenderSettings(bpy.types.PropertyGroup):
         name="Error", description="All orders: error at which to stop, root mean square over mean; 0: by samples",
         default=0.0, min=0.0, max=1.0, precision=3,
     )  # fmt: skip
+    times: bpy.props.IntProperty(  # pyrefly: ignore
+        name="Times", description="Motion blur without walks: the mean of so many pictures", default=16, min=1, max=1024
+    )
     seed: bpy.props.IntProperty(name="Seed", default=0, min=0)  # pyrefly: ignore
 
 
@@ -60,14 +63,19 @@ class Engine(bpy.types.RenderEngine):
     def _picture(self, depsgraph: bpy.types.Depsgraph, folder: Path, size: tuple[int, int]) -> np.ndarray:
         """(height, width, 4) linear sRGB and alpha, from below."""
         asked, out = depsgraph.scene.hagoromo, folder / "picture.exr"
-        scene, lost = written(depsgraph, folder, size, asked.mode != "march")
+        scene, lost, moves = written(depsgraph, folder, size, asked.mode != "march", self._at)
         for line in lost:
             self.report({"WARNING"}, f"Hagoromo: lost: {line}")
         words = ["--mode", asked.mode, "--samples", asked.samples, "--seed", asked.seed]
         if asked.mode != "march" and asked.error > 0.0:
             words += ["--error", round(asked.error, 6)]
+        if moves and asked.mode != "path":
+            words += ["--times", asked.times]
         run("render", scene, "--out", out, *words, progress=self._goes_on)
         return pixels(out)
+
+    def _at(self, frame: int, part: float) -> None:
+        self.frame_set(frame, part)
 
     def _goes_on(self, share: float) -> bool:
         self.update_progress(share)
@@ -106,7 +114,8 @@ class RenderPanel(bpy.types.Panel):
         """The fields."""
         asked = context.scene.hagoromo
         self.layout.use_property_split = True
-        for name in ("mode", "samples", *(("error",) if asked.mode != "march" else ()), "seed"):
+        times = ("times",) if asked.mode != "path" and context.scene.render.use_motion_blur else ()
+        for name in ("mode", "samples", *(("error",) if asked.mode != "march" else ()), *times, "seed"):
             self.layout.prop(asked, name)
 
 

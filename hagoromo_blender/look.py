@@ -58,6 +58,14 @@ class Images:
             self.names.append(name)
         return self.files[image.name]
 
+    def named(self, name: str, values: np.ndarray) -> int:
+        """Number of a file of these numbers, which is written the first time."""
+        if name not in self.files:
+            write_image(self.folder / name, values)
+            self.files[name] = len(self.names)
+            self.names.append(name)
+        return self.files[name]
+
 
 def look_of(material: bpy.types.Material | None, images: Images, lost: set[str]) -> dict[str, Any]:
     """A material of glTF. lost: gets a line for what it does not hold."""

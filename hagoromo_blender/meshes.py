@@ -9,11 +9,13 @@ from typing import Any
 
 import bpy
 import numpy as np
-from mathutils import Matrix
 
 from .look import Images, look_of
+from .motion import Motion, key_of
+from .relief import TextureFiles
 
 FLOAT, WORD = 5126, 5125  # component types of glTF
+FLAT = np.full((1, 1, 3), (0.5, 0.5, 1.0), np.float32)  # normals that turn nothing
 OF_MESHES = ("MESH", "CURVE", "SURFACE", "FONT", "META")
 
 
@@ -22,6 +24,7 @@ class GltfFile:
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.images, self.lost = folder, Images(folder), set[str]()
+        self.textures = TextureFiles(folder)
         self.parts: list[bytes] = []
         self.meshes: list[dict[str, Any]] = []  # what the nodes of meshes, called by their numbers, are in a scene.toml
         self.looks: dict[str, int] = {}
@@ -31,8 +34,9 @@ class GltfFile:
             "extensionsUsed": ["KHR_lights_punctual"],
         }  # fmt: skip
 
-    def add(self, shown: bpy.types.Object, pose: Matrix) -> None:
+    def add(self, each: bpy.types.DepsgraphObjectInstance, motion: Motion) -> None:
         """The mesh of an evaluated object, a primitive for each of its materials."""
+        shown, pose = each.object, each.matrix_world.copy()
         mesh = shown.to_mesh()
         if mesh is None or not len(mesh.polygons):
             return
@@ -61,13 +65,21 @@ class GltfFile:
             key = vertices[of_slot, None].astype(float) if smooth else np.arange(len(of_slot))[:, None]
             material = mesh.materials[slot] if slot < len(mesh.materials) else None
             number = self._look(material)
-            textured = uv is not None and "baseColorTexture" in self._pbr(number)
+            tables = self.textures.tables(material, self.lost) if uv is not None else {}
+            if uv is None and "normalTexture" in self.record["materials"][number]:
+                self.lost.add(f"{shown.name}: its images of normals and heights, as it has no UVs")
+            textured = uv is not None and ("baseColorTexture" in self._pbr(number) or bool(tables))
             if smooth and textured:
                 assert uv is not None
                 key = np.concatenate([key, uv[of_slot]], axis=1)
             _, first, index = np.unique(key, axis=0, return_index=True, return_inverse=True)
             kept = of_slot[first]
-            attributes = {"POSITION": self.accessor(places[vertices[kept]], "VEC3")}
+            place = motion.add("surface", len(self.meshes), key_of(each), pose, self.lost)
+            corner = places[vertices[kept]]
+            if place is not None:
+                back = np.array(place.inverted())
+                corner = corner @ back[:3, :3].T + back[:3, 3]
+            attributes = {"POSITION": self.accessor(corner, "VEC3")}
             if textured:
                 assert uv is not None
                 attributes["TEXCOORD_0"] = self.accessor(uv[kept], "VEC2")
@@ -75,7 +87,8 @@ class GltfFile:
             primitive = {"attributes": attributes, "indices": indices, "material": number}
             self.record["nodes"].append({"mesh": len(self.record["meshes"]), "name": str(len(self.meshes))})
             self.record["meshes"].append({"primitives": [primitive]})
-            self.meshes.append({"name": shown.name, "smooth": smooth})
+            at = {} if place is None else {"pose": np.array(place).ravel().tolist()}
+            self.meshes.append({"name": shown.name, "smooth": smooth, **at, **tables})
         shown.to_mesh_clear()
 
     def lamp(self, name: str, colour: Sequence[float]) -> None:
@@ -105,7 +118,10 @@ class GltfFile:
         name = material.name if material else ""
         if name not in self.looks:
             self.looks[name] = len(self.record["materials"])
-            self.record["materials"].append(look_of(material, self.images, self.lost))
+            look = look_of(material, self.images, self.lost)
+            if {"normal_texture", "bump_texture"} & self.textures.tables(material, set()).keys():
+                look |= {"normalTexture": {"index": self.images.named("flat.png", FLAT)}}  # keeps the UVs
+            self.record["materials"].append(look)
         return self.looks[name]
 
     def accessor(self, values: np.ndarray, kind: str, of: int = FLOAT) -> int:

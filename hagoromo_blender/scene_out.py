@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from .boxes import EXTINCTION, KEY, copied
 from .command import Refused, run
 from .look import GREY, pixels_of, write_image
 from .meshes import OF_MESHES, GltfFile
+from .motion import Motion, key_of
 from .toml_out import toml_of
 
 LARGEST_SUN = 5e-3  # tangent of half the angle of a sun that is left out without a warning
@@ -27,9 +29,14 @@ FROM_RIGID = 1e-4  # largest departure of a box's pose from a rigid one
 
 
 def written(
-    depsgraph: bpy.types.Depsgraph, folder: Path, size: tuple[int, int], all_orders: bool = False
-) -> tuple[Path, list[str]]:
-    """Write the scene into a folder that exists. Gives scene.toml, and what was lost.
+    depsgraph: bpy.types.Depsgraph,
+    folder: Path,
+    size: tuple[int, int],
+    all_orders: bool = False,
+    frame_set: Callable[[int, float], None] | None = None,
+) -> tuple[Path, list[str], bool]:
+    """Write the scene into a folder that exists. Gives scene.toml, what was lost, and whether something moves while
+    the shutter is open. frame_set: evaluates the scene at another time; None: without motion blur.
 
     all_orders: of boxes that were built for light of the first order, the extinction becomes that of their elements.
 
@@ -38,6 +45,8 @@ def written(
     scene, made = depsgraph.scene, GltfFile(folder)
     if scene.camera is None:
         raise Refused("the scene has no camera: add one (Add › Camera)")
+    motion = Motion(depsgraph, frame_set)
+    motion.camera()
     boxes, lamps = [], []
     for each in depsgraph.object_instances:
         shown, pose = each.object, each.matrix_world.copy()
@@ -45,9 +54,12 @@ def written(
             continue
         if shown.type == "LIGHT":
             lamps.append((shown, pose))
+            if motion.of(key_of(each)) is not None:
+                made.lost.add(f"{shown.name}: the motion of a lamp while the shutter is open")
         elif shown.type == "VOLUME":
             if KEY in shown:
                 file = copied(Path(shown[KEY]), folder, f"box_{len(boxes)}.zarr").name
+                motion.add("box", len(boxes), key_of(each), pose, made.lost)
                 boxes.append({"file": file, "name": shown.name, **_rigid(shown)})
                 if all_orders and shown[EXTINCTION] == "isotropic":
                     boxes[-1]["extinction"] = "projected"
@@ -57,7 +69,7 @@ def written(
             else:
                 made.lost.add(f"{shown.name}: a volume that is no box of Hagoromo is left out (Add › Volume opens one)")
         elif shown.type in OF_MESHES:
-            made.add(shown, pose)
+            made.add(each, motion)
     if not made.meshes and not boxes:
         raise Refused("nothing is visible: the scene needs a mesh or a volume box that is rendered")
     tables = [_lamp(shown, pose, made.lost) for shown, pose in lamps]
@@ -72,9 +84,15 @@ def written(
         table |= {"spectrum": spectra[f"lamp {number}"], "name": lamps[number][0].name}
         record.setdefault(kind, []).append(table)
     record |= {"surface": surfaces, "box": boxes} | ({"environment": world} if world else {})
+    record["motion"] = motion.table()
+    for what in ("surface", "box"):  # keyframes say where they stand
+        for number in {key[what] for key in motion.keys[what]}:
+            first = next(key for key in motion.keys[what] if key[what] == number)
+            record[what][number].pop("pose", None)
+            record[what][number] |= {key: first[key] for key in ("position", "rotation_deg")}
     text = toml_of({key: value for key, value in record.items() if value})
     (folder / "scene.toml").write_text(text, encoding="utf-8")
-    return folder / "scene.toml", sorted(made.lost)
+    return folder / "scene.toml", sorted(made.lost), bool(record["motion"])
 
 
 def _converted(made: GltfFile, folder: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
@@ -89,12 +107,16 @@ def _converted(made: GltfFile, folder: Path) -> tuple[list[dict[str, Any]], dict
     made.lost |= {line.removeprefix("lost: ") for line in said.splitlines() if line.startswith("lost: ")}
     found = tomllib.loads((folder / "surfaces" / "scene.toml").read_text(encoding="utf-8"))
     spectra = {lamp["name"]: lamp.get("spectrum", 1.0) for lamp in found.get("lamp", ())}
-    surfaces = [] if bare else found["surface"]
+    surfaces = [] if bare else sorted(found["surface"], key=lambda each: int(each["name"]))
     for surface in surfaces:
-        surface |= {"mesh": f"surfaces/{surface['mesh']}", **made.meshes[int(surface["name"])]}
+        surface.pop("normal_texture", None)
         for key in ("body_texture", "gamma_texture", "beta_texture"):
             if key in surface:
                 surface[key]["file"] = f"surfaces/{surface[key]['file']}"
+        known = dict(made.meshes[int(surface["name"])])
+        if surface.get("optics"):
+            known = {key: value for key, value in known.items() if not key.endswith("_texture")}
+        surface |= {"mesh": f"surfaces/{surface['mesh']}", **known}
     return surfaces, spectra
 
 

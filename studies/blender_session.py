@@ -1,8 +1,9 @@
 """Scenes in Blender, rendered there by Hagoromo and by Cycles: run by the Python that has bpy (`make cycles`).
 
-    .venv/cycles/bin/python studies/blender_session.py surfaces|dressed FOLDER
+    .venv/cycles/bin/python studies/blender_session.py surfaces|mapped|moving|dressed FOLDER
 
-Leaves in FOLDER, which exists: hagoromo.npy and cycles.npy, (height, width, 3) linear sRGB, of the scene of surfaces;
+Leaves in FOLDER, which exists: hagoromo.npy and cycles.npy, (height, width, 3) linear sRGB, of the scene of surfaces,
+of squares with images of normals, heights and by UDIM, or of a cube that moves;
 march, full, cycles_1 and cycles of a ball that is dressed with skin, and ball.zarr.
 """
 
@@ -132,6 +133,85 @@ def surfaces(folder):
     rendered("CYCLES", folder, "cycles")
 
 
+def with_images(shown, base=None, normals=None, heights=None):
+    """A matt Principled material with images on an object."""
+    made = bpy.data.materials.new("images")
+    made.use_nodes = True
+    tree = made.node_tree
+    body = next(node for node in tree.nodes if node.type == "BSDF_PRINCIPLED")
+    body.inputs["Base Color"].default_value = (0.6, 0.6, 0.6, 1.0)
+    body.inputs["Roughness"].default_value, body.inputs["Specular IOR Level"].default_value = 1.0, 0.0
+
+    def image(held):
+        node = tree.nodes.new("ShaderNodeTexImage")
+        node.image = held
+        return node.outputs["Color"]
+
+    if base is not None:
+        tree.links.new(image(base), body.inputs["Base Color"])
+    if normals is not None:
+        node = tree.nodes.new("ShaderNodeNormalMap")
+        tree.links.new(image(normals), node.inputs["Color"])
+        tree.links.new(node.outputs["Normal"], body.inputs["Normal"])
+    if heights is not None:
+        node = tree.nodes.new("ShaderNodeBump")
+        node.inputs["Distance"].default_value, node.inputs["Strength"].default_value = 0.1, 1.0
+        tree.links.new(image(heights), node.inputs["Height"])
+        tree.links.new(node.outputs["Normal"], body.inputs["Normal"])
+    shown.data.materials.append(made)
+
+
+def mapped(folder):
+    """Squares: normals of an image, heights of one, and greys by UDIM; turned, so that tangents are, too."""
+    from hagoromo_blender.look import write_image
+
+    scene = started(192, 64)
+    lamp("SUN", (0.0, 0.0, 2.0), 3.0, (0.5, 0.3, 0.0), angle=0.0)
+    u, v = np.meshgrid(*[(np.arange(64) + 0.5) / 64 * 2.0 * math.pi] * 2)  # from below, as Blender counts rows
+    normal = np.stack([0.4 * np.sin(u), 0.3 * np.cos(2 * v), np.ones_like(u)], axis=-1)
+    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+    heights = np.repeat((0.5 + 0.5 * np.sin(u) * np.cos(v))[..., None], 3, axis=-1)
+    images = []
+    for name, values in (("normals", 0.5 + 0.5 * normal), ("heights", heights)):
+        one = bpy.data.images.new(name, 64, 64, float_buffer=True, is_data=True)
+        one.pixels.foreach_set(np.concatenate([values, np.ones((64, 64, 1))], axis=-1).astype(np.float32).ravel())
+        images.append(one)
+    for number, grey in ((1001, 0.8), (1002, 0.4)):
+        write_image(folder / f"tile.{number}.png", np.full((32, 32, 3), grey, np.float32))
+    tiled = bpy.data.images.load(str(folder / "tile.1001.png"))
+    tiled.source, tiled.filepath = "TILED", str(folder / "tile.<UDIM>.png")
+    tiled.tiles.new(1002)
+    for place, keys in ((-1.0, {"normals": images[0]}), (0.0, {"heights": images[1]}), (1.0, {"base": tiled})):
+        bpy.ops.mesh.primitive_plane_add(size=0.8, location=(place, 0.0, 0.0), rotation=(0.1, 0.0, 0.4))
+        with_images(bpy.context.object, **keys)
+    uv = bpy.context.object.data.uv_layers.active.uv
+    for each in uv:
+        each.vector = (2.0 * each.vector[0], each.vector[1])
+    camera((0.0, 0.0, 5.0), (0.0, 0.0, 0.0), 50.0)
+    scene.hagoromo.samples, scene.cycles.max_bounces = 16, 0
+    rendered("HAGOROMO", folder, "hagoromo")
+    rendered("CYCLES", folder, "cycles")
+
+
+def moving(folder):
+    """A cube that moves by its own width while the shutter is open, seen from above."""
+    scene = started(64, 16)
+    bpy.context.preferences.edit.keyframe_new_interpolation_type = "LINEAR"
+    lamp("SUN", (0.0, 0.0, 2.0), 3.0, angle=0.0)
+    bpy.ops.mesh.primitive_cube_add(size=0.5)
+    painted(bpy.context.object, (0.5, 0.5, 0.5))
+    for frame, x in ((0, -1.0), (2, 1.0)):
+        bpy.context.object.location = (x, 0.0, 0.0)
+        bpy.context.object.keyframe_insert("location", frame=frame)
+    scene.frame_set(1)
+    scene.render.use_motion_blur, scene.render.motion_blur_shutter = True, 0.5
+    scene.render.motion_blur_position = "CENTER"
+    camera((0.0, 0.0, 10.0), (0.0, 0.0, 0.0), 180.0)
+    scene.hagoromo.mode, scene.hagoromo.samples, scene.cycles.max_bounces = "path", SAMPLES, 0
+    rendered("HAGOROMO", folder, "hagoromo")
+    rendered("CYCLES", folder, "cycles")
+
+
 def dressed(folder):
     """A flat ball on a table that is dressed with skin, by the first order and by all orders."""
     scene = started(400, 300)
@@ -153,4 +233,4 @@ def dressed(folder):
 
 
 if __name__ == "__main__":
-    {"surfaces": surfaces, "dressed": dressed}[sys.argv[1]](Path(sys.argv[2]))
+    {"surfaces": surfaces, "mapped": mapped, "moving": moving, "dressed": dressed}[sys.argv[1]](Path(sys.argv[2]))

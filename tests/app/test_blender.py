@@ -50,6 +50,38 @@ def test_cameras_lamps_and_materials_are_those_of_cycles(tmp_path):
     np.testing.assert_allclose(ours.mean(axis=(0, 1)), theirs.mean(axis=(0, 1)), rtol=0.03)
 
 
+def blocks(folder, side):
+    """Means of both pictures over blocks of pixels."""
+    both = (np.load(folder / f"{name}.npy") for name in ("hagoromo", "cycles"))
+    return [
+        each.reshape(each.shape[0] // side, side, each.shape[1] // side, side, 3).mean(axis=(1, 3)) for each in both
+    ]
+
+
+@BLENDER
+@pytest.mark.nightly
+def test_normals_heights_and_tiles_are_those_of_cycles(tmp_path):
+    """Each of three squares, in blocks of 4 × 4 pixels, within 3 %: slopes are taken by other differences."""
+    in_blender(ROOT / "studies/blender_session.py", "mapped", tmp_path)
+    ours, theirs = blocks(tmp_path, 4)
+    for one, other in zip(np.split(ours, 3, axis=1), np.split(theirs, 3, axis=1), strict=True):
+        assert np.sqrt(np.mean((one - other) ** 2) / np.mean(other**2)) < 0.03
+    inside = ours[5:11, 5:11, 1], theirs[5:11, 5:11, 1]
+    assert all(np.ptp(each) > 0.2 * each.mean() for each in inside)
+
+
+@BLENDER
+@pytest.mark.nightly
+def test_a_moving_cube_is_blurred_as_by_cycles(tmp_path):
+    """Its ramps, by walks and by Cycles, each with noise: 2 % of the middle in the mean."""
+    in_blender(ROOT / "studies/blender_session.py", "moving", tmp_path)
+    ours, theirs = (each.mean(axis=0)[:, 1] for each in blocks(tmp_path, 1))
+    assert np.abs(ours - theirs).mean() < 0.02 * theirs.max()
+    edge = np.flatnonzero((theirs > 0.1 * theirs.max()) & (theirs < 0.9 * theirs.max()))
+    assert len(edge) > 20  # ramps of half of the picture, and no steps
+    assert np.abs(ours - theirs)[edge].max() < 0.03 * theirs.max()
+
+
 @BLENDER
 @pytest.mark.nightly
 def test_what_cannot_be_rendered_or_dressed_is_one_line(tmp_path):
