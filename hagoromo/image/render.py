@@ -116,9 +116,11 @@ def _check_shutter(
             f"{scene} has a shutter, and mode {mode} shows single instants: render by mode path, or the mean of "
             f"pictures at several times (--times 16)"
         )
-    if scheduler is not None or layers or (unfinished is not None and times is not None):
-        what = "workers" if scheduler is not None else "layers" if layers else "an unfinished picture of several times"
-        raise InputError(f"{scene} has a shutter: pictures of what moves have no {what}: leave that out")
+    if layers:
+        raise InputError(f"{scene} has a shutter: pictures of what moves have no layers: leave that out")
+    if times is not None and (scheduler is not None or unfinished is not None):
+        what = "workers" if scheduler is not None else "unfinished picture"
+        raise InputError(f"{scene}: the mean of pictures at several times has no {what}: leave that out")
 
 
 def picture_of_mode(

@@ -88,7 +88,7 @@ def render_tiles(
     progress(0.0, "scene")
     if mode == "march" and not layers:
         return _march_on(order, cluster, progress)
-    read = load_scene(order.path)[0]
+    read = load_scene(order.path)[0] if mode == "march" else order.scene()
     if mode == "path":
         image = path_picture(read, settings, progress, unfinished, walk=partial(walk_on, order, cluster))
     elif mode == "full":

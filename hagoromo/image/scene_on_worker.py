@@ -44,6 +44,19 @@ class SceneOrder:
         path = Path(scene).absolute()
         return cls(str(path), content_with_named(path, quick=True), settings, mode)
 
+    def scene(self) -> Scene:
+        """The scene that is rendered: by mode path, as it moves while its shutter is open."""
+        if self.mode == "march":
+            return load_for_picture(self.path, self.settings)[0]
+        if self.mode == "path":
+            from hagoromo.image.film.shutter import scene_with_shutter  # which renders, as workers do
+            from hagoromo.image.render import motion_with_shutter
+
+            motion = motion_with_shutter(self.path)
+            if motion is not None:
+                return scene_with_shutter(self.path, motion)[0]
+        return load_scene(self.path)[0]  # light of higher orders comes from all of a box
+
 
 class HeldScene:
     """A scene that a worker has read, and one thing at a time that was made of it. cache: what is on the device."""
@@ -53,8 +66,7 @@ class HeldScene:
             raise InputError(
                 f"{order.path}, or a file that it names, is another one on a worker: put them where all find the same"
             )
-        by_march = order.mode == "march"  # light of higher orders comes from all of a box
-        self.scene: Scene = (load_for_picture(order.path, order.settings) if by_march else load_scene(order.path))[0]
+        self.scene = order.scene()
         self.order, self.cache = order, SceneCache()
         self._made: tuple[Any, Any] | None = None
 

@@ -240,6 +240,18 @@ def test_what_stands_still_has_the_same_bits_without_a_shutter(scene_file):
     np.testing.assert_allclose(one, other, rtol=1e-5, atol=1e-7)
 
 
+@pytest.mark.nightly
+def test_workers_give_the_bits_of_one_process(scene_with_pyramid):
+    """Of what moves while the shutter is open: a plank, a surface and the camera."""
+    pytest.importorskip("distributed", reason="needs Dask")
+    settings = hg.Settings(samples=6, seed=5)
+    here = hg.render(scene_with_pyramid, settings, mode="path")
+    there = hg.render(scene_with_pyramid, settings, mode="path", scheduler=2)
+    np.testing.assert_array_equal(there.weights, here.weights)
+    np.testing.assert_array_equal(there.alpha, here.alpha)
+    assert there.metadata["scene"] == here.metadata["scene"]
+
+
 LAMP = "".join(f"[[motion.lamp]]\nlamp = 0\ntime = {t}\nintensity = {1.0 + t}\n" for t in (0.0, 0.4))
 
 
@@ -263,7 +275,7 @@ def test_a_camera_alone_may_move(tmp_path):
         (TURN, [], "mode march shows single instants: render by mode path, or the mean"),
         (TURN, ["--mode", "full"], "mode full shows single instants"),
         (TURN, ["--mode", "path", "--layers"], "have no layers"),
-        (TURN, ["--mode", "path", "--scheduler", "2"], "have no workers"),
+        (TURN, ["--times", "2", "--scheduler", "2"], "has no workers"),
         (TURN, ["--times", "0"], "give 1 to 1024"),
         ("", ["--times", "4"], "has no shutter"),
         (TURN + LAMP, ["--mode", "path"], "a lamp moves or changes while the shutter is open"),
