@@ -19,6 +19,7 @@ from hagoromo.progress import LOADING, Progress, part_of
 
 if TYPE_CHECKING:
     from hagoromo.image.film.film import Turn
+    from hagoromo.image.shown import DisplayView
 
 
 def render(
@@ -77,12 +78,12 @@ def render(
     choices |= {"error": error, "seconds": time, "walks": walks}
     stated: dict[str, Any] = {key: value for key, value in choices.items() if value is not None}
     if is_film(out, turn):
-        if resume or layers or denoise or separate_lamps or times is not None or look != AS_ON_SRGB:
+        if resume or layers or denoise or separate_lamps or times is not None:
             raise InputError(
-                "a film goes on by itself, and has no layers and no look: leave --resume, --layers, --denoise, "
-                "--separate-lamps, --times, --display, --view, --ocio and --exposure out"
+                "a film goes on by itself, and has no layers: leave --resume, --layers, --denoise, --separate-lamps "
+                "and --times out"
             )
-        return write_film_of(scene, out, stated, turn, fps, scheduler.chosen, force, mode)
+        return write_film_of(scene, out, stated, turn, fps, scheduler.chosen, force, mode, look.chosen)
     from hagoromo.image.shown import DisplayTransform
 
     if denoise:
@@ -167,6 +168,7 @@ def write_film_of(
     scheduler: Any,
     force: bool,
     mode: Mode,
+    look: DisplayView,
 ) -> None:
     """Render and write a film; stated: settings that replace those of the scene."""
     from hagoromo.image.scene_file import camera_and_settings
@@ -174,8 +176,9 @@ def write_film_of(
     settings = replace(camera_and_settings(scene)[1], **stated) if stated else None
     with progress_bar("render") as progress:
         film = hg.film(
-            scene, out, settings, turn, mode=mode, rate=fps, scheduler=scheduler, force=force, progress=progress
-        )
+            scene, out, settings, turn, mode=mode, rate=fps, scheduler=scheduler, force=force, progress=progress,
+            look=look,
+        )  # fmt: skip
     kept = film.count - film.rendered
     say(f"{film.count} frames" + (f", {kept} of them were there" if kept else ""))
     wrote(film.frames, *([film.film] if film.film else []))

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
 from hagoromo.files.icc import DISPLAY_P3, SRGB, icc_profile, xyz_from_display
-from hagoromo.files.png import write_png
+from hagoromo.files.png import png_bytes, write_png
 from hagoromo.files.tiff import write_tiff
 from hagoromo.image.ocio_view import ACES, PROFILES, OcioConfiguration
 from hagoromo.light.colour import srgb_encode
@@ -92,10 +92,16 @@ class DisplayTransform:
 
     def save_png(self, path: str | Path, numbers: NDArray[Any]) -> None:
         """Write whole numbers as PNG; sRGB has a chunk of its own there, other displays their ICC profile."""
-        if self.profile in (SRGB, ""):
-            write_png(path, numbers, srgb=self.profile == SRGB)
-        else:
-            write_png(path, numbers, profile=icc_profile(self.profile))
+        write_png(path, numbers, **self._stated)
+
+    def png(self, numbers: NDArray[Any]) -> bytes:
+        """The content of such a PNG."""
+        return png_bytes(numbers, **self._stated)
+
+    @property
+    def _stated(self) -> dict[str, Any]:
+        known = self.profile not in (SRGB, "")
+        return {"profile": icc_profile(self.profile)} if known else {"srgb": self.profile == SRGB}
 
     def numbers(self, linear: NDArray[Any]) -> NDArray[np.uint8]:
         """8-bit display values of linear sRGB."""

@@ -21,6 +21,7 @@ from hagoromo.image.render import render
 from hagoromo.image.scene import Scene
 from hagoromo.image.scene_file import load_scene
 from hagoromo.image.settings import Settings
+from hagoromo.image.shown import DisplayTransform, DisplayView
 from hagoromo.image.surface import Surface
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.lamp_profile import LampProfile
@@ -393,3 +394,19 @@ def test_frames_of_another_film_are_not_taken_for_this_one(turning, tmp_path):
     made = film(turning, tmp_path / "a.gif", turn=Turn(2, camera=True, lamps=False))
     assert made.rendered == 0 and isinstance(order_of(turning, Turn(2, True, False)), FilmOrder)
     assert film(turning, tmp_path / "a.gif", Settings(samples=2), Turn(2, True, False), force=True).rendered == 2
+
+
+def test_frames_are_shown_through_a_look(moving, tmp_path):
+    """A view of OpenColorIO's ACES, half a stop darker: what it makes of the linear frame; a wrong name is refused."""
+    pytest.importorskip("PyOpenColorIO", reason="needs OpenColorIO")
+    look = DisplayView(view="ACES 2.0 - SDR 100 nits (Rec.709)", ocio="ocio://cg-config-latest", exposure=-0.5)
+    path = moving
+    plain, made = film(path, tmp_path / "plain"), film(path, tmp_path / "made", look=look)
+    assert plain.exposure == made.exposure
+    order = order_of(path)
+    linear = frame_image(order, 1).linear_srgb() * made.exposure * 2.0**-0.5
+    shown = read_png(made.frames / "frame_00001.png")
+    np.testing.assert_array_equal(shown, DisplayTransform(look).numbers(linear))
+    assert np.abs(shown.astype(int) - read_png(plain.frames / "frame_00001.png")).max() > 20
+    with pytest.raises(InputError, match="no view 'none'"):
+        film(path, tmp_path / "none", look=replace(look, view="none"))

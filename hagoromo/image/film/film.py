@@ -34,6 +34,7 @@ from hagoromo.image.render import picture_of_mode
 from hagoromo.image.scene import Scene
 from hagoromo.image.scene_file import camera_and_settings, scene_from_tables
 from hagoromo.image.settings import Settings, check_mode
+from hagoromo.image.shown import DisplayTransform, DisplayView
 from hagoromo.progress import Progress, part_of, silent
 
 MOST_FRAMES = 100_000
@@ -44,6 +45,7 @@ STRIP_FRAMES, SHEET_FRAMES = 8, 24
 SHEET_COLUMNS = 6
 LONGEST_SIDE = 320  # px of a frame on them
 GAP, PAPER = 4, 32  # px between frames, and their display value
+ON_SRGB = DisplayView()
 Frame = NDArray[np.uint8]
 
 
@@ -59,7 +61,7 @@ class Turn:
 @dataclass(frozen=True)
 class FilmOrder:
     """A film as a worker is to render it. digest: of the scene file and what it names. count: of its frames. mode: see
-    `render`.
+    `render`. look: through which its frames are shown.
     """
 
     path: str
@@ -69,6 +71,7 @@ class FilmOrder:
     count: int
     rate: float
     mode: Mode = "march"
+    look: DisplayView = ON_SRGB
 
     @property
     def fingerprint(self) -> str:
@@ -101,6 +104,7 @@ def film(
     scheduler: str | int | None = None,
     force: bool = False,
     progress: Progress = silent,
+    look: DisplayView = ON_SRGB,
 ) -> Filmed:
     """The film of the scene in a TOML file, which moves as its [motion] says, or as a `turn`.
 
@@ -108,7 +112,7 @@ def film(
     out: NAME.mp4, .webm or .gif, whose frames are kept in NAME_frames; or a folder for the frames alone. rate: frames a
     second (default: the scene's, or 24). scheduler: see `render`; each worker renders whole frames and keeps the scene
     from one to the next. All frames have one exposure, by which none of some of them is brighter than `Image.display`
-    would show it.
+    would show it, and which `look` changes. look: how they are shown; a film file states no profile of a display.
 
     `InputError` for `Settings.seconds`, as frames would differ from run to run, a scene that does not move, a film of
     more than 100 000 frames, and frames of another film in the folder, without `force`.
@@ -118,7 +122,7 @@ def film(
     if film_file is not None:
         check_film_name(film_file)
         replaceable_file(film_file, force)
-    order = _ordered(path, settings, turn, rate, mode)
+    order = _ordered(path, settings, turn, rate, mode, look)
     folder = target if film_file is None else frames_of(film_file)
     rendered = 0
     tidied(folder)  # as a process may have been killed after it put the frames there
@@ -133,8 +137,14 @@ def film(
 
 
 def _ordered(
-    path: Path, settings: Settings | None, turn: Turn | None, rate: float | None, mode: Mode = "march"
+    path: Path,
+    settings: Settings | None,
+    turn: Turn | None,
+    rate: float | None,
+    mode: Mode = "march",
+    look: DisplayView = ON_SRGB,
 ) -> FilmOrder:
+    DisplayTransform(look)  # refuses what there is not before the work
     check_mode(settings or camera_and_settings(path)[1], mode)
     if settings is not None and settings.seconds is not None:
         raise InputError("a time for each picture gives other frames from run to run: give samples, or an error")
@@ -151,7 +161,9 @@ def _ordered(
         raise InputError(f"{path} does not move: give it a table [motion], or ask for a turn (--turntable 120)")
     if not 1 <= count <= MOST_FRAMES:
         raise InputError(f"a film of {count} frames: give 1 to {MOST_FRAMES}")
-    return FilmOrder(str(path), content_with_named(path, quick=True), settings, turn, count, rate, mode)
+    if look.ocio is not None and not look.ocio.startswith("ocio://"):
+        look = replace(look, ocio=str(Path(look.ocio).absolute()))
+    return FilmOrder(str(path), content_with_named(path, quick=True), settings, turn, count, rate, mode, look)
 
 
 def _is_film(folder: Path, order: FilmOrder) -> bool:
@@ -213,7 +225,8 @@ def frame_exposure(order: FilmOrder, number: int) -> float:
 
 def frame_png(order: FilmOrder, number: int, exposure: float) -> bytes:
     """On a worker: a frame as a PNG file."""
-    return png_bytes(frame_image(order, number).display(exposure))
+    image, shown = frame_image(order, number), DisplayTransform(order.look)
+    return shown.png(shown.numbers(image.linear_srgb() * (exposure * order.look.factor)))
 
 
 def frame_image(order: FilmOrder, number: int) -> Image:
