@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from hagoromo.backend import Float, arrays, column, evaluate
 from hagoromo.least_squares.loss import CAUCHY_SCALE
 from hagoromo.measurement.normals.photometric_model import Fit
-from hagoromo.measurement.normals.shading import N, shading
+from hagoromo.measurement.normals.shading import N, lit
 from hagoromo.measurement.normals.views import Array, Views
 from hagoromo.measurement.photometric.reading import reading
 from hagoromo.photograph.capture import Capture
-from hagoromo.reflectance.torrance_sparrow import cosines, weights_at
+from hagoromo.reflectance.torrance_sparrow import cosines, squared_angle_of, weights_at
 
 RELATIVE_ERROR = 0.02  # of the model, in the weights
 BODY_PASSES = 2  # of re-weighting
@@ -310,8 +310,7 @@ def trust_of(capture: Capture, views: Views) -> Trust:
 def samples_of(views: Views, fit: Fit, place: Array, trust: Trust) -> Samples:
     """The samples of `views`, whose pixels `fit`, `place` and `trust` have."""
     trusted, lower = trust.trusted, trust.lower
-    shade, (flat, angle2) = shading(fit.normals, views.to_lamp, views.to_eye, fit.rows), _flat(views, fit.normals)
-    even = fit.evenness(place)
+    shade, (flat, angle2) = lit(fit.normals, views.to_lamp, views.to_eye, fit.rows), _flat(views, fit.normals)
     values = np.where(np.isfinite(views.values), views.values, 0.0)
     noise = np.where(np.isfinite(views.variance) & (views.variance > 0.0), views.variance, np.inf)
     usual = noise[np.isfinite(noise)]
@@ -322,7 +321,10 @@ def samples_of(views: Views, fit: Fit, place: Array, trust: Trust) -> Samples:
     def flat_array(array: NDArray) -> Float:
         return column(arrays().Float, np.asarray(array, np.float32))
 
-    spread = flat_array(noise)
+    even, spread = flat_array(fit.evenness(place)), flat_array(noise)
+    by_light = [even * one for one in (shade.body, shade.interface, *shade.by_body, flat)]
+    evaluate(by_light, angle2)
+    body, first, by_sigma, by_exponent, flat = by_light
     return Samples(
         values.shape,
         _Index.of(*values.shape),
@@ -330,11 +332,11 @@ def samples_of(views: Views, fit: Fit, place: Array, trust: Trust) -> Samples:
         flat_array(level2),
         flat_array(trusted[:, None] | lower),
         flat_array(lower),
-        flat_array(even * shade.body),
-        flat_array(even * shade.interface),
-        (flat_array(even * shade.by_body[0]), flat_array(even * shade.by_body[1])),
-        flat_array(even * flat),
-        flat_array(angle2),
+        body,
+        first,
+        (by_sigma, by_exponent),
+        flat,
+        angle2,
         flat_array(colour),
         bool(np.ptp(colour) > 0.0),
         spread,
@@ -342,20 +344,21 @@ def samples_of(views: Views, fit: Fit, place: Array, trust: Trust) -> Samples:
     )
 
 
-def _flat(views: Views, normals: Array) -> tuple[Array, Array]:
-    """F G / cosθ_r (K, P), and φ² [rad²], of all lamps."""
+def _flat(views: Views, normals: Array) -> tuple[Float, Float]:
+    """F G / cosθ_r (K, P), and φ² [rad²], of all lamps, on the device."""
     jit, (lamps, pixels) = arrays(), views.to_lamp.shape[:2]
+    pixel = dr.arange(jit.UInt, lamps * pixels) % dr.opaque(jit.UInt, pixels)
 
-    def wide(vectors: Array) -> jit.Array3f:  # type: ignore[name-defined]
-        return jit.Array3f(np.ascontiguousarray(np.tile(vectors, (lamps, 1)).T, np.float32))
+    def wide(vectors: Array) -> Any:
+        flat = [column(jit.Float, one.astype(np.float32)) for one in vectors.T]
+        return jit.Array3f(*(dr.gather(jit.Float, one, pixel) for one in flat))
 
-    towards = jit.Array3f(views.to_lamp.reshape(-1, 3).T.astype(np.float32))
-    at = cosines(wide(normals), towards, wide(views.to_eye))
+    towards = jit.Array3f(*(column(jit.Float, views.to_lamp[..., i].astype(np.float32)) for i in range(3)))
+    normal, to_eye = wide(normals), wide(views.to_eye)
+    at = cosines(normal, towards, to_eye)
     flat = weights_at(at, 0.0, 1.0, dr.opaque(jit.Float, 1e6), N).interface
-    half = views.to_lamp + views.to_eye
-    cosine = np.einsum("kpi,pi->kp", half, normals) / np.maximum(np.linalg.norm(half, axis=2), 1e-12)
-    angle2 = np.arccos(np.clip(cosine, -1.0, 1.0)) ** 2
-    return np.array(flat).reshape(lamps, pixels).astype(np.float64), angle2
+    half = towards + to_eye
+    return flat, squared_angle_of(dr.squared_norm(dr.cross(normal, half)) / dr.squared_norm(half), at.half)
 
 
 def inner_products(columns: list[NDArray[np.float32]]) -> Array:

@@ -18,7 +18,7 @@ from hagoromo.least_squares.fit_status import FitStatus
 from hagoromo.least_squares.loss import CAUCHY_SCALE
 from hagoromo.measurement.normals.own_gloss import OWN, OwnGloss, OwnGlossTest
 from hagoromo.measurement.normals.pixel_errors import PixelErrors
-from hagoromo.measurement.normals.shading import TAIL, Gloss, shading
+from hagoromo.measurement.normals.shading import TAIL, Gloss, lit_values
 from hagoromo.measurement.normals.smooth_share import SmoothShare
 from hagoromo.measurement.normals.views import Array, Views
 from hagoromo.measurement.photometric.reading import reading
@@ -132,21 +132,17 @@ def evenness(strength: Array, slope: Array, place: Array) -> Array:
 
 def predicted(fit: Fit, to_lamp: Array, to_eye: Array) -> Array:
     """(K, C, P) values of the fit under even lamps of strength 1 in directions `to_lamp` (K, P, 3)."""
-    shade = shading(fit.normals, to_lamp, to_eye, fit.rows)
-    further = further_lobes(fit, to_lamp, to_eye)
-    interface = shade.interface if further is None else shade.interface + further
-    return reading(fit.body, shade.body[:, None], fit.interface_colour, interface[:, None])
+    body, interface = lit_values(fit.normals, to_lamp, to_eye, fit.rows, further_rows(fit))
+    return reading(fit.body, body[:, None], fit.interface_colour, interface[:, None])
 
 
 def further_lobes(fit: Fit, to_lamp: Array, to_eye: Array) -> Array | None:
     """(K, P) what the further lobes add to the interface under lamps (K, P, 3); None where there are none."""
     if fit.lobes is None:
         return None
-    total = np.zeros(to_lamp.shape[:2])
-    for lobe in further_rows(fit):
-        rows = np.concatenate([lobe, fit.rows[:, 2:TAIL]], axis=1)
-        total = total + shading(fit.normals, to_lamp, to_eye, rows).interface
-    return total
+    rows = fit.rows
+    rows[:, 0] = -np.inf
+    return lit_values(fit.normals, to_lamp, to_eye, rows, further_rows(fit))[1]
 
 
 def further_rows(fit: Fit) -> tuple[Array, ...]:

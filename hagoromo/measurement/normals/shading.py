@@ -120,6 +120,51 @@ def shading(normals: Array, to_lamp: Array, to_eye: Array, gloss: Array) -> Shad
     return Shading(body, interface, (b1, b2), (i1, i2), by_width, (by_sigma, by_epsilon), (b3, b4), (i3, i4))
 
 
+class Lit(NamedTuple):
+    """Weights of body colour and interface, and slopes of the body by σ and ln(1 + ε), as `Shading` has them: flat
+    arrays of the device, of K lamps in turn.
+    """
+
+    body: Any
+    interface: Any
+    by_body: tuple[Any, Any]
+
+
+def lit(normals: Array, to_lamp: Array, to_eye: Array, gloss: Array, further: Sequence[Array] = ()) -> Lit:
+    """As `shading`, without slopes by turns.
+
+    further: of each further lobe (P, 2) ln β and ln γ [rad] of its Gaussian facets, whose light the interface has, too.
+    """
+    jit, (lamps, pixels) = arrays(), to_lamp.shape[:2]
+    pixel = dr.arange(jit.UInt, lamps * pixels) % dr.opaque(jit.UInt, pixels)
+
+    def wide(rows: Array) -> list[Any]:
+        return [dr.gather(jit.Float, column(jit.Float, row.astype(np.float32)), pixel) for row in rows.T]
+
+    normal, eye = dr.normalize(jit.Array3f(*wide(normals))), jit.Array3f(*wide(to_eye))
+    lamp = jit.Array3f(*(column(jit.Float, to_lamp[..., i].astype(np.float32)) for i in range(3)))
+    log_beta, log_gamma, *body_rows = wide(np.maximum(gloss[:, :TAIL], -80.0))
+    nu = exponent_of(gloss)
+    tails = {} if nu is None else {"nu": wide(nu[:, None])[0]}
+    body, interface = torrance_sparrow(normal, lamp, eye, 1.0, dr.exp(log_beta), dr.exp(log_gamma), N, **tails)
+    for lobe in further:
+        beta, gamma = (dr.exp(row) for row in wide(np.maximum(lobe, -80.0)))
+        interface = interface + torrance_sparrow(normal, lamp, eye, 1.0, beta, gamma, N).interface
+    view, phase = dr.dot(normal, eye), dr.dot(lamp, eye)
+    by_sigma, by_exponent = body_slopes(body, view, phase, body_rows)
+    return Lit(body_of(body, view, phase, body_rows), interface, (by_sigma, by_exponent))
+
+
+def lit_values(
+    normals: Array, to_lamp: Array, to_eye: Array, gloss: Array, further: Sequence[Array] = ()
+) -> tuple[Array, Array]:
+    """(K, P) weights of body colour and interface of `lit`."""
+    both = lit(normals, to_lamp, to_eye, gloss, further)[:2]
+    dr.eval(*both)
+    body, interface = (part.numpy().reshape(to_lamp.shape[:2]).astype(np.float64) for part in both)
+    return body, interface
+
+
 def exponent_of(gloss: Array) -> Array | None:
     """(P,) ν of rows of gloss, infinite for Gaussian facets; None where all are: then eq. (4) is computed."""
     tail = gloss[:, TAIL] if gloss.shape[1] > TAIL else np.zeros(1)

@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 
 from hagoromo.least_squares.loss import CAUCHY_SCALE
 from hagoromo.measurement.normals.lobe_samples import RELATIVE_ERROR
-from hagoromo.measurement.normals.photometric_model import Fit, further_lobes, further_rows, precision
+from hagoromo.measurement.normals.photometric_model import Fit, further_rows, precision
 from hagoromo.measurement.normals.pixel_errors import UNKNOWN_DIRECTION
 from hagoromo.measurement.normals.pixel_fit import LEAST_BODY_RATIO, NormalFit, PixelConditions, fit_pixels
-from hagoromo.measurement.normals.shading import LEAST_COSINE, shading, tangents
+from hagoromo.measurement.normals.shading import LEAST_COSINE, lit_values, tangents
 from hagoromo.measurement.normals.smooth_share import SmoothShare
 from hagoromo.measurement.normals.views import FEWEST_LAMPS, Array, Views
 
@@ -238,10 +238,9 @@ class SmoothField:
 
 def bodies_at(views: Views, fit: Fit) -> Array:
     """(C, P) body colours by robust least squares at the normals and lobes of `fit`."""
-    shade, even = shading(fit.normals, views.to_lamp, views.to_eye, fit.rows), fit.evenness(views.place)
-    further = further_lobes(fit, views.to_lamp, views.to_eye)
-    interface = shade.interface if further is None else shade.interface + further
-    lit, light = (even * shade.body)[:, None], even[:, None] * fit.interface_colour * interface[:, None]
+    body, interface = lit_values(fit.normals, views.to_lamp, views.to_eye, fit.rows, further_rows(fit))
+    even = fit.evenness(views.place)[:, None]
+    lit, light = even * body[:, None], even * fit.interface_colour * interface[:, None]
     inverse, body = conditions(views, fit).precision, fit.body
     for _ in range(BODY_PASSES):
         squared = (views.values - lit * body - light) ** 2 * inverse / CAUCHY_SCALE**2
