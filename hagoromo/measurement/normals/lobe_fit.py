@@ -239,7 +239,7 @@ def _non_negative(samples: Samples, columns: list[Float], root: Float) -> Array:
     """Weights of `columns` (K, P), 0 or more, with the body colours of all pixels eliminated, at weights root²."""
     from scipy.optimize import nnls
 
-    parts = [samples.numbers(samples.beside_bodies(one, samples.colour, root)) for one in columns]
+    parts = samples.beside_bodies([(one, samples.colour) for one in columns], root)
     products, count = inner_products([*parts, samples.numbers(root * samples.values)]), len(columns)
     matrix, rhs = products[:-1, :-1], products[:-1, -1]
     scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))

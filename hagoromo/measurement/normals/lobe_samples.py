@@ -7,7 +7,9 @@ that is missing counts little, as shadows do. A clipped value is a lower bound.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import drjit as dr
@@ -28,6 +30,7 @@ BODY_PASSES = 2  # of re-weighting
 CLIPPED = 0.98  # of the largest valid value: masked values above are clipped
 LEAST_BODY = 1e-4  # smallest body colour, of their mean
 UNBOUNDED = 1e30  # of a model below all values
+TOGETHER = 4  # columns that a kernel makes at once
 
 
 class _Index(NamedTuple):
@@ -79,6 +82,13 @@ class Samples:
     coloured: bool
     sensor: Float
     noise: Float
+
+    @cached_property
+    def stated(self) -> Float:
+        """(K, C, P) inverse variance, 0 where a value is unknown."""
+        weight = self.known / (self.noise + self.level2)
+        evaluate(weight)
+        return weight
 
     def lamps(self, chosen: NDArray) -> Samples:
         """The samples of some lamps, whose weights are those beside all lamps."""
@@ -154,27 +164,34 @@ class Samples:
         evaluate(root, left)
         return root, left
 
-    def beside_bodies(self, of: Float, colour: Float, root: Float) -> Float:
-        """(K, C, P) root times what bodies do not make of the values colour (C, P) × of (K, P), at weights root²."""
+    def beside_bodies(self, pairs: Sequence[tuple[Float, Float]], root: Float) -> list[NDArray[np.float32]]:
+        """Of each pair (K, P) and (C, P) the array (K, C, P): root times what bodies do not make of the values
+        colour × of, at weights root².
+        """
+        parts = [pairs[i : i + TOGETHER] for i in range(0, len(pairs), TOGETHER)]
+        return [self.numbers(one) for part in parts for one in self._beside_bodies(part, root)]
+
+    def _beside_bodies(self, pairs: Sequence[tuple[Float, Float]], root: Float) -> list[Float]:
+        """As `beside_bodies`, of pairs that one kernel reads together."""
         jit, index = arrays(), self.index
         each = self.shape[1] * self.shape[2]
         own, pixel = dr.arange(jit.UInt, each), index.pixel
 
-        def add(lamp: Any, mixed: Any, power: Any) -> tuple[Any, Any, Any]:
-            weight, place = (
-                dr.square(dr.gather(jit.Float, root, lamp * index.values + own)),
-                lamp * index.pixels + pixel,
-            )
+        def add(lamp: Any, power: Any, *mixed: Any) -> tuple[Any, ...]:
+            place = lamp * index.pixels + pixel
             unit = dr.gather(jit.Float, self.body, place)
-            return lamp + 1, mixed + weight * unit * dr.gather(jit.Float, of, place), power + weight * unit * unit
+            weight = unit * dr.square(dr.gather(jit.Float, root, lamp * index.values + own))
+            sums = (old + weight * dr.gather(jit.Float, of, place) for old, (of, _) in zip(mixed, pairs, strict=True))
+            return lamp + 1, power + weight * unit, *sums
 
-        start = dr.zeros(jit.UInt, each), dr.zeros(jit.Float, each), dr.zeros(jit.Float, each)
-        _, mixed, power = dr.while_loop(start, lambda lamp, *_: lamp < index.lamps, add)
-        share = colour * mixed / dr.fmax(power, 1e-30)
-        evaluate(share)
-        parts = dr.gather(jit.Float, colour, index.own) * dr.gather(jit.Float, of, index.place)
-        unit = dr.gather(jit.Float, self.body, index.place)
-        found = root * (parts - unit * dr.gather(jit.Float, share, index.own))
+        start = dr.zeros(jit.UInt, each), *(dr.zeros(jit.Float, each) for _ in range(1 + len(pairs)))
+        _, power, *mixed = dr.while_loop(start, lambda lamp, *_: lamp < index.lamps, add)
+        shares = [colour * sums / dr.fmax(power, 1e-30) for sums, (_, colour) in zip(mixed, pairs, strict=True)]
+        evaluate(shares)
+        unit, found = dr.gather(jit.Float, self.body, index.place), []
+        for share, (of, colour) in zip(shares, pairs, strict=True):
+            value = dr.gather(jit.Float, colour, index.own) * dr.gather(jit.Float, of, index.place)
+            found.append(root * (value - unit * dr.gather(jit.Float, share, index.own)))
         evaluate(found)
         return found
 
@@ -182,7 +199,7 @@ class Samples:
         """That whose weights are `weighed`: squares of light in excess, Cauchy's loss of light that is missing."""
 
         def add(at: _Sampled, _: Any, value: Any) -> tuple[Any, Any]:
-            squared = at.stated_weight() * dr.square(value - at.model)
+            squared = at.stated * dr.square(value - at.model)
             missing = CAUCHY_SCALE**2 * dr.log(1.0 + squared / CAUCHY_SCALE**2)
             return dr.select(value < at.model, dr.select(at.lower > 0.0, 0.0, missing), squared), 0.0
 
@@ -201,7 +218,7 @@ class Samples:
         """Σ ln of the variance of the values, noise and RELATIVE_ERROR together, that are valid."""
 
         def add(at: _Sampled, _: Any, __: Any) -> tuple[Any, Any]:
-            spread = dr.select(at.stated_weight() > 0.0, -dr.log(at.stated_weight()), 0.0)
+            spread = dr.select(at.stated > 0.0, -dr.log(at.stated), 0.0)
             return dr.select(at.lower > 0.0, 0.0, spread), 0.0
 
         return total_of(self._sums(None, None, add)[0])
@@ -226,7 +243,7 @@ class Samples:
     def _sums(self, interface: Float | None, body: Float | None, add: Any) -> tuple[Float, Float]:
         """(C, P) sums over lamps of the two numbers that `add` makes of a place, its weight and its value."""
         jit, index, each = arrays(), self.index, self.shape[1] * self.shape[2]
-        own = dr.arange(jit.UInt, each)
+        own, _ = dr.arange(jit.UInt, each), self.stated  # computed before the loop
 
         def more(lamp: Any, first: Any, second: Any) -> tuple[Any, Any, Any]:
             place = lamp * index.pixels + index.pixel
@@ -241,11 +258,12 @@ class Samples:
 
 
 class _Sampled(NamedTuple):
-    """Values of `Samples` in a kernel, at one lamp, channel and pixel a lane; model: of them, lobes: their part."""
+    """Values of `Samples` in a kernel, at one lamp, channel and pixel a lane; stated: their inverse variance; model: of
+    them, lobes: their part.
+    """
 
     value: Any
-    level2: Any
-    noise: Any
+    stated: Any
     known: Any
     lower: Any
     body: Any
@@ -256,25 +274,20 @@ class _Sampled(NamedTuple):
     def of(samples: Samples, index: Any, place: Any, own: Any, interface: Float | None, body: Float | None) -> _Sampled:
         """Those at `index` of (K, C, P), `place` of (K, P), and `own` of (C, P)."""
         jit = arrays()
-        value, level2, noise = (
-            dr.gather(jit.Float, of, index) for of in (samples.values, samples.level2, samples.noise)
+        value, stated, known, lower = (
+            dr.gather(jit.Float, of, index) for of in (samples.values, samples.stated, samples.known, samples.lower)
         )
-        known, lower = (dr.gather(jit.Float, of, index) for of in (samples.known, samples.lower))
         lit = dr.gather(jit.Float, samples.body, place)
         if interface is None or body is None:
-            return _Sampled(value, level2, noise, known, lower, lit, 0.0, -UNBOUNDED)
+            return _Sampled(value, stated, known, lower, lit, 0.0, -UNBOUNDED)
         lobes = dr.gather(jit.Float, samples.colour, own) * dr.gather(jit.Float, interface, place)
         return _Sampled(
-            value, level2, noise, known, lower, lit, lobes, reading(dr.gather(jit.Float, body, own), lit, None, lobes)
+            value, stated, known, lower, lit, lobes, reading(dr.gather(jit.Float, body, own), lit, None, lobes)
         )
-
-    def stated_weight(self) -> Any:
-        """Inverse variance, 0 where the value is unknown."""
-        return self.known / (self.noise + self.level2)
 
     def weight(self) -> Any:
         """Inverse variance; less where light is missing; 0 where a lower bound holds already."""
-        missing, weight = dr.fmax(self.model - self.value, 0.0), self.stated_weight()
+        missing, weight = dr.fmax(self.model - self.value, 0.0), self.stated
         weight = weight / (1.0 + dr.square(missing) * weight / CAUCHY_SCALE**2)
         return dr.select((self.lower > 0.0) & (self.model >= self.value), 0.0, weight)
 

@@ -205,7 +205,7 @@ def _equations(samples: Samples, found: LobeShapes) -> _Equations:
     body = samples.bodies(interface)
     root, left = samples.weighed(interface, body)
     pairs = [*((slope, samples.colour) for slope in slopes), *((by_law, body) for by_law in samples.by_law)]
-    columns = [samples.numbers(samples.beside_bodies(*pair, root)) for pair in pairs]
+    columns = samples.beside_bodies(pairs, root)
     rest, count = samples.numbers(root * left), len(columns)
     products = inner_products([*columns, rest])
     curvature, score = products[:-1, :-1], products[:-1, -1]

@@ -316,30 +316,33 @@ class PixelStep:
         size = numbers * materials
         outer = np.zeros((size + OF_LAMP * count + 1,) * 2)
         rhs = np.zeros(len(outer))
-        deviation = _rows(self.deviation)
-        weighed = gloss * self.weight_of_rows[..., None]
-        each = (pixels, count, channels)
-        by_lamp = np.moveaxis(lamps.reshape(*each, OF_LAMP), 1, 0)  # (K, P, C, OF_LAMP)
-        of_lamp = np.moveaxis((lamps * self.weight_of_rows[..., None]).reshape(*each, OF_LAMP), 1, 0)
-        gloss_of_lamp = np.moveaxis(weighed.reshape(*each, numbers), 1, 0)
+        deviation, of_depth = _rows(self.deviation), depth[..., 0]
+        weight = self.weight_of_rows
+
+        def by_lamp(rows: Array) -> Array:
+            """(P, K·C, n) or (P, K·C) → (K, P, C, n)."""
+            return np.ascontiguousarray(np.moveaxis(rows.reshape(pixels, count, channels, -1), 1, 0))
+
+        each, own_gloss, of_each = by_lamp(lamps), by_lamp(gloss), by_lamp(weight)
+        led = each * of_each
         for m in range(materials):
-            index, own = slice(numbers * m, numbers * (m + 1)), fit.labels == m
-            outer[index, index] = weighed[own].reshape(-1, numbers).T @ gloss[own].reshape(-1, numbers)
-            both = np.swapaxes(gloss_of_lamp[:, own].reshape(count, -1, numbers), 1, 2) @ by_lamp[:, own].reshape(
-                count, -1, OF_LAMP
-            )
+            index, own = slice(numbers * m, numbers * (m + 1)), self.fit.labels == m
+            rows, flat = (gloss, weight) if own.all() else (gloss[own], weight[own])
+            weighed, flat_rows = (rows * flat[..., None]).reshape(-1, numbers).T, rows.reshape(-1, numbers)
+            outer[index, index] = weighed @ flat_rows
+            some, theirs = (own_gloss, led) if own.all() else (own_gloss[:, own], led[:, own])
+            both = np.swapaxes(some.reshape(count, -1, numbers), 1, 2) @ theirs.reshape(count, -1, OF_LAMP)
             outer[index, size:-1] = np.moveaxis(both, 0, 1).reshape(numbers, -1)
             outer[size:-1, index] = outer[index, size:-1].T
-            outer[index, -1] = outer[-1, index] = weighed[own].reshape(-1, numbers).T @ depth[own].ravel()
-            rhs[index] = weighed[own].reshape(-1, numbers).T @ deviation[own].ravel()
-        left, by_depth = (np.moveaxis(part.reshape(each), 1, 0).reshape(count, -1) for part in (deviation, depth))
-        weighted_depth = depth[..., 0] * self.weight_of_rows
-        outer[-1, -1], rhs[-1] = np.sum(weighted_depth * depth[..., 0]), np.sum(weighted_depth * deviation)
-        for k in range(count):
-            index, own = slice(size + OF_LAMP * k, size + OF_LAMP * (k + 1)), of_lamp[k].reshape(-1, OF_LAMP).T
-            outer[index, index] = own @ by_lamp[k].reshape(-1, OF_LAMP)
-            rhs[index] = own @ left[k]
-            outer[index, -1] = outer[-1, index] = own @ by_depth[k]
+            outer[index, -1] = outer[-1, index] = weighed @ of_depth[own].ravel()
+            rhs[index] = weighed @ deviation[own].ravel()
+        outer[-1, -1], rhs[-1] = np.sum(weight * of_depth**2), np.sum(weight * of_depth * deviation)
+        each, across = each.reshape(count, -1, OF_LAMP), np.swapaxes(led.reshape(count, -1, OF_LAMP), 1, 2)
+        left, far = (across @ by_lamp(one).reshape(count, -1, 1) for one in (deviation, of_depth))
+        for k, square in enumerate(across @ each):
+            index = slice(size + OF_LAMP * k, size + OF_LAMP * (k + 1))
+            outer[index, index], rhs[index] = square, left[k, :, 0]
+            outer[index, -1] = outer[-1, index] = far[k, :, 0]
         centre, spread = prior.gloss(numbers).T
         of_gloss = np.tile(spread**-2.0, (materials, 1))
         precision_of_prior = pack_shared(of_gloss, prior.precision(self.of_lamps), prior.distance**-2.0)
