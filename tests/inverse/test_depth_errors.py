@@ -9,7 +9,7 @@ import hagoromo as hg
 from hagoromo.measurement.normals.drawn_errors import independent_variance, own_errors
 from hagoromo.measurement.normals.normals import least_squares_fit
 from hagoromo.measurement.normals.smooth_normals import SmoothField
-from hagoromo.measurement.normals.smooth_share import SmoothShare
+from hagoromo.measurement.normals.smooth_share import SmoothShare, Stiffness
 from hagoromo.measurement.normals.views import views_from_capture
 from hagoromo.measurement.surface.chords import BEND, chords
 from hagoromo.measurement.surface.depth import surface_from_normals
@@ -93,7 +93,7 @@ def test_stated_errors_of_depth_are_those_of_noise_on_a_ball(stiffness):
     fit = replace(least_squares_fit(views), normals=true, variance=variance)
     if stiffness:
         share = field.share(true, variance)
-        fit = replace(fit, variance=share * variance, smooth=SmoothShare(stiffness, 1.0, share, variance))
+        fit = replace(fit, variance=share * variance, smooth=SmoothShare(Stiffness(stiffness, 1.0), share, variance))
     draw = own_errors(views, fit)
     weights = views.image(independent_variance(fit))
     np.testing.assert_allclose(weights, views.image(variance), rtol=1e-9)

@@ -168,6 +168,8 @@ def data_of(views: Views, fit: Fit, number: int, pixels: NDArray[np.intp]) -> So
         rows.append(np.concatenate([np.log([beta, gamma]), rows[0][2:TAIL], np.zeros(len(rows[0]) - TAIL)]))
     variance = part.variance + channels * (fit.model_error * size(part)) ** 2
     variance = np.where(part.used[:, None] & np.isfinite(variance), variance, np.inf)
+    if part.lower is not None:
+        variance = np.where(part.lower, channels * (fit.model_error * size(part)) ** 2, variance)
     return SolvedPixels(part, np.stack(rows), fit.gloss.colour[number], fit.evenness(views.place[pixels]), variance)
 
 

@@ -38,7 +38,8 @@ class SolvedPixels:
 
     rows: (M, G) `Gloss` rows of its lobes, the first of which is the material's gloss; all lobes of a pixel are wider
     and stronger together. colour: (C,) of the interface. evenness: (K, P) of the lamps. variance: (K, C, P) of the
-    values, with the error of the model, inf where a value is not used. tail: (P,) 1/ν of the first lobe of each pixel;
+    values, with the error of the model, inf where a value is not used;
+    clipped ones are lower bounds. tail: (P,) 1/ν of the first lobe of each pixel;
     None: that of `rows`.
     """
 
@@ -82,8 +83,11 @@ class SolvedPixels:
         shade, even, colour = self._shade(gloss, normals), self.evenness[:, None], self.colour[:, None]
         lit, of_body = self.evenness * shade.body, body.T
         deviation = self.views.values - even * reading(of_body, shade.body[:, None], colour, shade.interface[:, None])
-        squared = deviation**2 / self.variance / CAUCHY_SCALE**2
-        weight = 1.0 / (self.variance * (1.0 + squared))
+        variance = self.variance
+        if self.views.lower is not None:  # a lower bound that holds says nothing
+            variance = np.where(self.views.lower & (deviation < 0.0), np.inf, variance)
+        squared = deviation**2 / variance / CAUCHY_SCALE**2
+        weight = 1.0 / (variance * (1.0 + squared))
         columns = [
             even * reading(of_body, by_body[:, None], colour, by_lobe[:, None])
             for by_body, by_lobe in zip(shade.body_turned, shade.interface_turned, strict=True)

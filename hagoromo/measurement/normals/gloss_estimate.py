@@ -264,7 +264,7 @@ def _remarks(fit: Fit, number: int, identifiable: dict[str, bool], least_nu: flo
         *_unsettled(fit, number),
         f"the error of the model is {100 * fit.model_error:.1f} %, in addition to the noise",
         f"n is not identifiable with all lamps on the camera's side: {N} was chosen, and beta holds for it",
-        *([] if fit.smooth is None else [fit.smooth.remark()]),
+        *([] if fit.smooth is None else [fit.smooth.stiffness.remark()]),
     ]
     if fit.choice is not None:
         free, rises = fit.choice.free[number], (fit.choice.tails[number], fit.choice.coloured[number])

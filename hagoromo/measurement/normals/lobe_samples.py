@@ -27,7 +27,6 @@ from hagoromo.reflectance.torrance_sparrow import cosines, squared_angle_of, wei
 
 RELATIVE_ERROR = 0.02  # of the model, in the weights
 BODY_PASSES = 2  # of re-weighting
-CLIPPED = 0.98  # of the largest valid value: masked values above are clipped
 LEAST_BODY = 1e-4  # smallest body colour, of their mean
 UNBOUNDED = 1e30  # of a model below all values
 TOGETHER = 4  # columns that a kernel makes at once
@@ -310,14 +309,9 @@ class Trust:
 
 
 def trust_of(capture: Capture, views: Views) -> Trust:
-    """That of `views`, by the masks and values of `capture`."""
-    trusted = views.valid(capture.photographs)
-    lower = np.zeros(views.values.shape, bool)
-    for k, photograph in enumerate(capture.photographs):
-        raw = photograph.values[views.rows, views.columns].T
-        top = photograph.values[photograph.mask].max(initial=0.0)
-        lower[k] = ~trusted[k] & (np.nan_to_num(raw) >= CLIPPED * top) & (top > 0.0)
-    return Trust(trusted, lower)
+    """That of `views`, by the masks of `capture`."""
+    lower = np.zeros(views.values.shape, bool) if views.lower is None else views.lower
+    return Trust(views.valid(capture.photographs), lower)
 
 
 def samples_of(views: Views, fit: Fit, place: Array, trust: Trust) -> Samples:

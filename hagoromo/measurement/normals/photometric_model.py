@@ -164,6 +164,11 @@ def precision(views: Views, model_error: float) -> Array:
     return views.used[:, None] / (views.variance + (model_error * size(views)) ** 2)
 
 
+def precision_of_bounds(views: Views, model_error: float) -> Array | None:
+    """(K, C, P) inverse variance of clipped values by the error of the model, 0 of others; None where none is."""
+    return None if views.lower is None else views.lower / (model_error * size(views)) ** 2
+
+
 def size(views: Views) -> Array:
     """The value to which errors of the model are relative: at least the pixel's mean, for values in shadow."""
     return np.maximum(views.values, views.values.mean(axis=0))

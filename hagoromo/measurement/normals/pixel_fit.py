@@ -34,12 +34,15 @@ class PixelConditions(NamedTuple):
 
     gloss: (P, G) rows of `Gloss`. evenness: (K, P) factor of the lamps. precision: (K, C, P) inverse variance of the
     values, 0 where they are not used. further: of each further lobe (P, 2) ln β and ln γ [rad] of its Gaussian facets.
+    lower: (K, C, P) inverse variance of clipped values, which are lower bounds: residuals count where the model lies
+    below; 0 for all others. None: no value is clipped.
     """
 
     gloss: Array
     evenness: Array
     precision: Array
     further: tuple[Array, ...] = ()
+    lower: Array | None = None
 
 
 class Equations(NamedTuple):
@@ -97,12 +100,14 @@ class NormalFit(NamedTuple):
         return self.status == Status.CONVERGED
 
 
-def fit_pixels(views: Views, light: PixelConditions, normals: Array, body: Array) -> NormalFit:
+def fit_pixels(
+    views: Views, light: PixelConditions, normals: Array, body: Array, steps: int = PIXEL_FIT_STEPS
+) -> NormalFit:
     """The normal and body colour of every pixel, from the start `normals` (P, 3) and `body` (C, P).
 
     A pixel has converged when its last accepted step, or an undamped step from where it is, lowers its loss by less
     than the share CONVERGED_GAIN. The loop ends when at most STILL_MOVING_SHARE of the pixels are moving, or after
-    PIXEL_FIT_STEPS steps. Of the pixels that have not converged then, those whose damping reached STALLED_DAMPING, or
+    `steps`. Of the pixels that have not converged then, those whose damping reached STALLED_DAMPING, or
     whose last trial was rejected although steps were left, have stalled; the others are out of steps.
     """
     data = PixelData(views, light)
@@ -111,7 +116,7 @@ def fit_pixels(views: Views, light: PixelConditions, normals: Array, body: Array
     settled = dr.full(arrays().Bool, False, len(normals))
     dr.make_opaque(damping, settled)
     exhausted, moving = True, ~settled
-    for _ in range(PIXEL_FIT_STEPS):
+    for _ in range(steps):
         trial_normal, trial_colour = data.moved(normal, colour, equations, damping)
         dr.eval(trial_normal, trial_colour)  # one kernel for the equations, compiled once
         trial = data.equations(trial_normal, trial_colour)
@@ -141,7 +146,10 @@ class PixelData:
         lamps, self.channels, self.pixels = views.values.shape
         # opaque: captures of other sizes run the same compiled kernel
         self.lamps, self.width = (dr.opaque(arrays().UInt, count) for count in (lamps, self.pixels))
-        self.values, self.precision = self.floats(views.values), self.floats(light.precision)
+        # of lower bounds negative
+        precision = light.precision if light.lower is None else light.precision - light.lower
+        self.values, self.precision = self.floats(views.values), self.floats(precision)
+        self.bounds = light.lower is not None
         self.evenness, self.to_lamp = self.floats(light.evenness), self.floats(views.to_lamp)
         self.to_eye = self.vectors(views.to_eye)
         self.gloss = [self.floats(row) for row in np.maximum(light.gloss[:, :TAIL], -80.0).T]
@@ -177,6 +185,8 @@ class PixelData:
                 sample = (lamp * c + i) * self.width + pixel
                 deviation = dr.gather(jit.Float, self.values, sample) - scale * self.value(body, i, shade)
                 precision = dr.gather(jit.Float, self.precision, sample)
+                if self.bounds:
+                    precision = dr.select(deviation > 0.0, dr.abs(precision), dr.fmax(precision, 0.0))
                 squared = deviation * deviation * precision * (1.0 / CAUCHY_SCALE**2)
                 weight = precision / (1.0 + squared)
                 a, b = (scale * self.value(body, i, by) for by in turned)

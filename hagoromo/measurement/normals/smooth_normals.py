@@ -14,18 +14,24 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.least_squares.loss import CAUCHY_SCALE
 from hagoromo.measurement.normals.lobe_samples import RELATIVE_ERROR
-from hagoromo.measurement.normals.photometric_model import Fit, further_rows, precision
+from hagoromo.measurement.normals.photometric_model import Fit, further_rows, precision, precision_of_bounds
 from hagoromo.measurement.normals.pixel_errors import UNKNOWN_DIRECTION
-from hagoromo.measurement.normals.pixel_fit import LEAST_BODY_RATIO, NormalFit, PixelConditions, fit_pixels
+from hagoromo.measurement.normals.pixel_fit import (
+    LEAST_BODY_RATIO,
+    PIXEL_FIT_STEPS,
+    NormalFit,
+    PixelConditions,
+    fit_pixels,
+)
 from hagoromo.measurement.normals.shading import LEAST_COSINE, lit_values, tangents
-from hagoromo.measurement.normals.smooth_share import SmoothShare
+from hagoromo.measurement.normals.smooth_share import SmoothShare, Stiffness
 from hagoromo.measurement.normals.views import FEWEST_LAMPS, Array, Views
 
 STIFFNESSES = np.geomspace(1e2, 1e8, 7)  # [rad⁻²] candidates of λ, from the least on
@@ -49,39 +55,49 @@ def with_smooth_normals(views: Views, fit: Fit) -> Fit:
         return fit
     both = of_halves(views, fit)
     scatter = noise_factor(views, both)
-    stiffness, gain = chosen_stiffness(views, both, scatter)
-    if gain < LEAST_GAIN:
+    stiffness = chosen_stiffness(views, both, scatter)
+    if stiffness is None:
         return fit
-    surface = SmoothField(views, stiffness)
-    variance = _finite(scatter * fit.variance)
-    normals, share = surface.smoothed(fit.normals, variance), surface.share(fit.normals, variance)
-    share = np.minimum(share + flattened(views, fit.normals, normals, variance, share) / variance, 1.0)
-    fit = replace(
-        fit, normals=normals, variance=share * fit.variance, smooth=SmoothShare(stiffness, gain, share, variance)
-    )
+    variance = known_variance(scatter * fit.variance)
+    normals, share = smooth_surface(views, stiffness.value, fit.normals, variance)
+    fit = replace(fit, normals=normals, variance=share * fit.variance, smooth=SmoothShare(stiffness, share, variance))
     return replace(fit, body=bodies_at(views, fit))
 
 
-def of_halves(views: Views, fit: Fit) -> list[NormalFit]:
-    """The normals of both halves of the lamps."""
-    return [fit_pixels(half, conditions(half, fit), fit.normals, fit.body) for half in halves(views)]
+def smooth_surface(views: Views, stiffness: float, normals: Array, variance: Array) -> tuple[Array, Array]:
+    """Smooth normals (P, 3) from `normals` of `variance` (P,) [rad²], and the share (P,) of it that is left to them."""
+    surface = SmoothField(views, stiffness)
+    systems = surface.systems(normals, variance)
+    smooth, share = surface.smoothed(normals, variance, systems), surface.share(normals, variance, systems)
+    return smooth, np.minimum(share + flattened(views, normals, smooth, variance, share) / variance, 1.0)
+
+
+def of_halves(views: Views, fit: Fit, place: Array | None = None, steps: int = PIXEL_FIT_STEPS) -> list[NormalFit]:
+    """The normals of both halves of the lamps, from those of all lamps in at most so many steps.
+
+    place: (P, 2) of pixels that are part of an object.
+    """
+    parts = halves(views)
+    return [fit_pixels(half, conditions(half, fit, place), fit.normals, fit.body, steps) for half in parts]
 
 
 def conditions(views: Views, fit: Fit, place: Array | None = None) -> PixelConditions:
-    """Those of `fit`, with all its lobes; beside several, errors of the model are those with which they were found.
+    """Those of `fit`, with all its lobes; beside several, errors of the model are those with which they were found, and
+    clipped values are lower bounds: the peak of one lobe alone is not that of the highlight.
 
     place: (P, 2) of pixels that are part of an object.
     """
     model_error = fit.model_error if fit.lobes is None else max(fit.model_error, RELATIVE_ERROR)
     even = fit.evenness(views.place if place is None else place)
-    return PixelConditions(fit.rows, even, precision(views, model_error), further_rows(fit))
+    lower = None if fit.lobes is None else precision_of_bounds(views, model_error)
+    return PixelConditions(fit.rows, even, precision(views, model_error), further_rows(fit), lower)
 
 
 def smoother_of(views: Views, fit: Fit) -> Callable[[Array], Array]:
     """What smooths changes (P, 3) of the normals of `fit` as these were; where they were not, changes stay."""
     if fit.smooth is None:
         return lambda changes: changes
-    return SmoothField(views, fit.smooth.stiffness).smoother(fit.normals, fit.smooth.variance)
+    return SmoothField(views, fit.smooth.stiffness.value).smoother(fit.normals, fit.smooth.variance)
 
 
 def smoothed_modes(views: Views, fit: Fit, modes: Array) -> Array:
@@ -95,7 +111,7 @@ def noise_factor(views: Views, both: Sequence[NormalFit]) -> Array:
 
     What they differ by throughout the neighbourhood is no scatter: lamps that are off make it.
     """
-    apart, total = both[0].normals - both[1].normals, sum(_finite(one.variance) for one in both)
+    apart, total = both[0].normals - both[1].normals, sum(known_variance(one.variance) for one in both)
     apart = apart / np.sqrt(total)[:, None]
     apart *= np.minimum(1.0, FARTHEST / np.maximum(np.linalg.norm(apart, axis=1, keepdims=True), 1e-12))
     mean = np.stack([_around(views, part) for part in apart.T])
@@ -104,17 +120,17 @@ def noise_factor(views: Views, both: Sequence[NormalFit]) -> Array:
     return np.maximum(scatter / (1.0 - 1.0 / pixels), LEAST_FACTOR)
 
 
-def chosen_stiffness(views: Views, both: Sequence[NormalFit], scatter: Array) -> tuple[float, float]:
-    """λ [rad⁻²], and the share of the squared distance between normals of both halves of the lamps that it takes off.
+def chosen_stiffness(views: Views, both: Sequence[NormalFit], scatter: Array) -> Stiffness | None:
+    """λ under which the normals of each half of the lamps are nearest to the other's.
 
-    0 and 0 where smoothing brings them no nearer. scatter: see `noise_factor`.
+    None where smoothing brings them no nearer. scatter: see `noise_factor`.
     """
     some = _squares(views)
     views, both = (
         views.pixels(some),
         [NormalFit(one.normals[some], one.body, one.variance[some], one.status) for one in both],
     )
-    variances = [_finite(scatter[some] * one.variance) for one in both]
+    variances = [known_variance(scatter[some] * one.variance) for one in both]
     total = variances[0] + variances[1]
 
     def distance(normals: list[Array]) -> float:
@@ -132,7 +148,8 @@ def chosen_stiffness(views: Views, both: Sequence[NormalFit], scatter: Array) ->
         if after >= least:
             break
         best, least = stiffness, after
-    return best, 1.0 - least / max(before, 1e-300)
+    gain = 1.0 - least / max(before, 1e-300)
+    return None if gain < LEAST_GAIN else Stiffness(best, gain)
 
 
 def flattened(views: Views, before: Array, after: Array, variance: Array, share: Array) -> Array:
@@ -157,8 +174,15 @@ def halves(views: Views) -> tuple[Views, Views]:
     order = np.argsort(np.arctan2(across[:, 1], across[:, 0]), kind="stable")
     first = np.zeros(len(order), bool)
     first[order[::2]] = True
-    one, other = (replace(views, used=views.used & some[:, None]) for some in (first, ~first))
-    return one, other
+    return views.of_lamps(first), views.of_lamps(~first)
+
+
+class _System(NamedTuple):
+    """A component (P,) of normals, the weights (P,), and what solves (weights + λ DᵀD) x = y."""
+
+    component: Array
+    weights: Array
+    solve: Callable[[Array], Array]
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,13 +192,16 @@ class SmoothField:
     views: Views
     stiffness: float
 
-    def smoothed(self, normals: Array, variance: Array) -> Array:
+    def smoothed(self, normals: Array, variance: Array, systems: Sequence[_System] = ()) -> Array:
         """(P, 3) smooth normals, unit, from `normals` (P, 3) of `variance` (P,) [rad²], the sum of two turns.
+
+        systems: of both components, where they are known.
 
         Normals that lean away from the camera's axis by nearly 90° stay.
         """
         across = _across(normals, self.views)
-        solved = [solve(weight * x) for x, weight, solve in self._systems(across, variance)]
+        systems = systems or self.systems(normals, variance)
+        solved = [solve(weight * x) for x, weight, solve in systems]
         found = np.stack([*solved, np.zeros(len(normals))], axis=1)
         left = 1.0 - np.sum(found**2, axis=1)
         found[:, 2] = np.sqrt(np.maximum(left, 0.0))
@@ -187,7 +214,7 @@ class SmoothField:
     def smoother(self, normals: Array, variance: Array) -> Callable[[Array], Array]:
         """What smooths small changes (P, 3) of smooth `normals` (P, 3), which were of `variance` (P,) [rad²]."""
         across, axes = _across(normals, self.views), _axes(self.views)
-        systems = self._systems(across, variance)
+        systems = self.systems(normals, variance)
         there, height = across[:, 2] > LEAST_COSINE, np.maximum(across[:, 2], LEAST_COSINE)
 
         def smoothed(changes: Array) -> Array:
@@ -197,7 +224,7 @@ class SmoothField:
 
         return smoothed
 
-    def share(self, normals: Array, variance: Array) -> Array:
+    def share(self, normals: Array, variance: Array, systems: Sequence[_System] = ()) -> Array:
         """(P,) share of the variance of a normal that is left in the smooth one, at most 1.
 
         The diagonal of the inverse of both systems, by sums over pixels of a lattice with random signs: pixels so far
@@ -208,7 +235,7 @@ class SmoothField:
         step = int(np.clip(np.ceil(reach), 2, FARTHEST_PROBES))
         place = (self.views.rows % step) * step + self.views.columns % step
         left = np.zeros((2, len(normals)))
-        for i, (_, _, solve) in enumerate(self._systems(across, variance)):
+        for i, (_, _, solve) in enumerate(systems or self.systems(normals, variance)):
             for numbers in np.array_split(np.arange(step**2), -(-(step**2) // TOGETHER)):
                 signs = random.choice([-1.0, 1.0], (len(numbers), len(place))).T
                 probes = np.where(place[:, None] == numbers, signs, 0.0)
@@ -219,12 +246,12 @@ class SmoothField:
         share = np.sum(left * (1.0 + slope2), axis=0) / variance
         return np.where(across[:, 2] > LEAST_COSINE, np.clip(share, 0.0, 1.0), 1.0)
 
-    def _systems(self, across: Array, variance: Array) -> list[tuple[Array, Array, Callable[[Array], Array]]]:
-        """Of both components: the component (P,), the weights (P,), and what solves (weights + λ DᵀD) x = y."""
+    def systems(self, normals: Array, variance: Array) -> list[_System]:
+        """Of both components across the camera's axis."""
         from scipy.sparse import diags_array
         from scipy.sparse.linalg import splu
 
-        bent, systems = _second_differences(self.views), []
+        across, bent, systems = _across(normals, self.views), _second_differences(self.views), []
         stiff = self.stiffness * (bent.T @ bent)
         for x in across[:, :2].T:
             # a turn of variance σ² changes a component x of a unit vector by σ² (1 − x²)
@@ -232,16 +259,16 @@ class SmoothField:
             weight = np.where(across[:, 2] > LEAST_COSINE, weight, 1e-3 * weight)
             matrix = (diags_array(weight) + stiff).tocsc()
             factors = splu(matrix, permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
-            systems.append((x, weight, factors.solve))
+            systems.append(_System(x, weight, factors.solve))
         return systems
 
 
-def bodies_at(views: Views, fit: Fit) -> Array:
-    """(C, P) body colours by robust least squares at the normals and lobes of `fit`."""
+def bodies_at(views: Views, fit: Fit, place: Array | None = None) -> Array:
+    """(C, P) body colours by robust least squares at the normals and lobes of `fit`; place: see `conditions`."""
     body, interface = lit_values(fit.normals, views.to_lamp, views.to_eye, fit.rows, further_rows(fit))
-    even = fit.evenness(views.place)[:, None]
-    lit, light = even * body[:, None], even * fit.interface_colour * interface[:, None]
-    inverse, body = conditions(views, fit).precision, fit.body
+    light_of = conditions(views, fit, place)
+    even, inverse = light_of.evenness[:, None], light_of.precision
+    lit, light, body = even * body[:, None], even * fit.interface_colour * interface[:, None], fit.body
     for _ in range(BODY_PASSES):
         squared = (views.values - lit * body - light) ** 2 * inverse / CAUCHY_SCALE**2
         weight = inverse / (1.0 + squared)
@@ -270,7 +297,7 @@ def _across(vectors: Array, views: Views) -> Array:
     return vectors @ _axes(views).T
 
 
-def _finite(variance: Array) -> Array:
+def known_variance(variance: Array) -> Array:
     """That of any direction where it is unknown."""
     return np.clip(variance, 1e-12, UNKNOWN_DIRECTION)
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,7 @@ Array = NDArray[np.float64]
 
 FEWEST_LAMPS = 4  # three determine a Lambertian normal and leave no residual to judge it by
 UNLIT = 1e-6  # of a lamp's largest irradiance: behind an LED it is 0, and nothing can be divided by it
+CLIPPED = 0.98  # of the largest valid value of a photograph: masked values above are clipped
 DARK = 3.0  # standard deviations of the sensor's noise: values below are shadow and carry little information
 
 
@@ -35,7 +37,8 @@ class Views:
     square of its noise. light: (K, C, P) that irradiance. used: (K, P) valid and above DARK. to_lamp: (K, P, 3),
     to_eye: (P, 3) unit, world axes. points: (P, 3) [m] for which these hold; for far lamps anywhere on their rays.
     rows, columns: (P,) pixels of an image of `shape` (h, w). lamps: the K lamps. eye: (3,) [m] position of the
-    camera; axis: (3,) unit, its viewing direction.
+    camera; axis: (3,) unit, its viewing direction. lower: (K, C, P) values that are not valid because they are clipped,
+    and so lower bounds; None: none are.
     """
 
     values: Array
@@ -51,6 +54,7 @@ class Views:
     lamps: tuple[Lamp, ...]
     eye: Array
     axis: Array
+    lower: NDArray[np.bool_] | None = None
 
     @property
     def place(self) -> Array:
@@ -58,8 +62,10 @@ class Views:
         position = np.stack([self.columns, self.rows], axis=1).astype(np.float64)
         return (position - position.mean(axis=0)) / np.sqrt(len(position) / np.pi)
 
-    def pixels(self, chosen: NDArray) -> Views:
-        """The views of some pixels."""
+    def pixels(self, chosen: Any) -> Views:
+        """The views of some pixels; of consecutive ones without a copy."""
+        if chosen.dtype != bool and len(chosen) and np.all(np.diff(chosen) == 1):
+            chosen = np.s_[int(chosen[0]) : int(chosen[-1]) + 1]
         return replace(
             self,
             values=self.values[..., chosen],
@@ -71,7 +77,13 @@ class Views:
             points=self.points[chosen],
             rows=self.rows[chosen],
             columns=self.columns[chosen],
+            lower=None if self.lower is None else self.lower[..., chosen],
         )
+
+    def of_lamps(self, chosen: NDArray[np.bool_]) -> Views:
+        """The views that use the photographs of some lamps (K,) only."""
+        lower = None if self.lower is None else self.lower & chosen[:, None, None]
+        return replace(self, used=self.used & chosen[:, None], lower=lower)
 
     def farther(self, times: float) -> Array:
         """(P, 3) the points at `times` their distance from the eye."""
@@ -140,7 +152,20 @@ def views_from_capture(capture: Capture) -> Views:
         raise InputError(f"the lamps of capture {capture.name!r} lie in one plane with the scene: move one out of it")
     if not len(selected.rows):
         raise InputError(f"capture {capture.name!r} has no pixel that three lamps light: expose longer")
-    return selected
+    return replace(selected, lower=_clipped(photographs, selected.rows, selected.columns))
+
+
+def _clipped(
+    photographs: Sequence[Photograph], rows: NDArray[np.intp], columns: NDArray[np.intp]
+) -> NDArray[np.bool_] | None:
+    """`lower` of `Views`."""
+    lower = np.zeros((len(photographs), photographs[0].values.shape[2], len(rows)), bool)
+    for clipped, photograph in zip(lower, photographs, strict=True):
+        masked = ~photograph.mask[rows, columns]
+        top = photograph.values[photograph.mask].max(initial=0.0)
+        if top > 0.0 and masked.any():
+            clipped[:] = masked & (np.nan_to_num(photograph.values[rows, columns].T) >= CLIPPED * top)
+    return lower if lower.any() else None
 
 
 def views_from_stack(

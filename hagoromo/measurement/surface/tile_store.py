@@ -20,8 +20,7 @@ from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
 from hagoromo.files.whole import scratch_folder
 from hagoromo.light.lamp import Lamp
-from hagoromo.measurement.normals.lobe_samples import CLIPPED
-from hagoromo.measurement.normals.views import Stack, check_lamps, enough
+from hagoromo.measurement.normals.views import CLIPPED, Stack, check_lamps, enough
 from hagoromo.photograph.capture import Capture, load_capture
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.photograph.rig import Rig

@@ -24,7 +24,7 @@ from hagoromo.measurement.nearest import nearest_known
 from hagoromo.measurement.normals.gloss_choice import BY_EVIDENCE, GlossModel
 from hagoromo.measurement.normals.highlight_check import angles
 from hagoromo.measurement.normals.lobe_fit import FoundLobes, find_lobes, fit_with, most_pixels, with_bodies
-from hagoromo.measurement.normals.lobe_samples import CLIPPED, Trust, trust_of
+from hagoromo.measurement.normals.lobe_samples import Trust, trust_of
 from hagoromo.measurement.normals.normals import (
     NormalMap,
     robust_lambert,
@@ -35,7 +35,7 @@ from hagoromo.measurement.normals.photometric_model import Fit, Prior, evenness,
 from hagoromo.measurement.normals.pixel_errors import UNKNOWN_DIRECTION, footprint
 from hagoromo.measurement.normals.pixel_fit import STILL_MOVING_SHARE, PixelConditions, fit_pixels
 from hagoromo.measurement.normals.shading import Gloss
-from hagoromo.measurement.normals.views import Array, Stack, Views, views_from_stack
+from hagoromo.measurement.normals.views import CLIPPED, Array, Stack, Views, views_from_stack
 from hagoromo.measurement.surface.cast_shadows import cast_shadows
 from hagoromo.measurement.surface.depth import DepthSurface, anchored_surface, surface_of
 from hagoromo.measurement.surface.shape import has_near_lamps, solve_shape
