@@ -66,7 +66,7 @@ def write_measurement(measurement: Measurement, home: Path) -> None:
     else:
         fine = measurement.fine
         _write_surface(home, fine.labels, fine.normals, fine.points)
-        write_errors(home, (fine.variance, fine.depth_variance), measurement.shared_errors)
+        write_errors(home, (fine.variance, fine.depth_variance), measurement.shared_errors, fine.summed)
         write_exr(home / "body.exr", dict(zip(_solved_names(channels), np.moveaxis(fine.body, 2, 0), strict=True)))
     if measurement.gloss is not None:
         maps = measurement.gloss

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 import hagoromo as hg
 from hagoromo.files.array_tree import TREE, read_tree, write_tree
-from hagoromo.measurement.surface import tiles
+from hagoromo.measurement.surface import tile_pixels
 
 
 class Kind(Enum):
@@ -133,5 +133,5 @@ def test_what_workers_share_is_no_pickle(tmp_path):
     """Who may write into the scratch folder of a measurement runs nothing on its workers."""
     (tmp_path / "shared").write_bytes(pickle.dumps(Program(tmp_path / "ran")))
     with pytest.raises(hg.InputError, match="shared cannot be read"):
-        tiles._from_file(str(tmp_path / "shared"))
+        tile_pixels._from_file(str(tmp_path / "shared"))
     assert not (tmp_path / "ran").exists()

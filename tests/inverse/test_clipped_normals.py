@@ -30,8 +30,8 @@ def photographed() -> tuple[Views, np.ndarray]:
     values = values + NOISE * random.normal(size=values.shape)
     clipped = values >= CLIP
     used = views.used & ~clipped[:, 0]
-    alike = dict.fromkeys(("variance", "light"), np.ones_like(values))
-    return replace(views, values=np.minimum(values, CLIP), used=used, lower=clipped, **alike), true
+    one = np.ones_like(values)
+    return replace(views, values=np.minimum(values, CLIP), variance=one, light=one, used=used, lower=clipped), true
 
 
 def test_a_clipped_value_turns_a_normal_towards_the_highlight(photographed):

@@ -9,15 +9,17 @@ import hagoromo as hg
 from hagoromo.measurement.normals.normals import solve_normals
 from hagoromo.measurement.normals.pixel_fit import NormalFit, PixelConditions, fit_pixels
 from hagoromo.measurement.normals.smooth_normals import (
-    LEAST_GAIN,
     SmoothField,
     bodies_at,
     chosen_stiffness,
     flattened,
     halves,
     noise_factor,
+    smooth_surface,
 )
+from hagoromo.measurement.normals.smooth_share import Stiffness
 from hagoromo.measurement.normals.views import Views, views_from_capture
+from hagoromo.measurement.surface.smooth_tiles import margin_of
 from studies.glossy_objects import GLOSSY, _reflected
 from studies.mirror_objects import mirror_object
 
@@ -85,7 +87,9 @@ def test_noise_is_smoothed_away_and_detail_of_the_surface_stays():
     true, status = sphere(views), np.zeros(SIZE**2, np.int8)
     body, variance = np.ones((2, len(true))), np.full(len(true), 2.0 * spread**2)
     both = [NormalFit(noisy(true, spread, random), body, variance, status) for _ in range(2)]
-    stiffness, gain = chosen_stiffness(views, both, np.ones(len(true)))
+    found = chosen_stiffness(views, both, np.ones(len(true)))
+    assert found is not None
+    stiffness, gain = found.value, found.gain
     # of the squared distance, twice the noise of a half, half is the noise of the half that is not smoothed; ± 2 σ
     assert stiffness > 1e5
     assert gain == pytest.approx(0.5, abs=0.05)
@@ -93,7 +97,7 @@ def test_noise_is_smoothed_away_and_detail_of_the_surface_stays():
     assert np.mean(angle(after, true) ** 2) < 0.1 * np.mean(angle(before, true) ** 2)
     detail = noisy(true, 5.0 * spread, random)
     both = [NormalFit(noisy(detail, spread, random), body, variance, status) for _ in range(2)]
-    assert chosen_stiffness(views, both, np.ones(len(true)))[1] < LEAST_GAIN
+    assert chosen_stiffness(views, both, np.ones(len(true))) is None
 
 
 def test_noise_is_found_where_it_is_larger_than_stated_and_a_shared_turn_is_none():
@@ -153,6 +157,36 @@ def test_normals_of_two_lobes_are_found_with_both():
 def _lit(normals: np.ndarray, to_lamp: np.ndarray, gloss) -> np.ndarray:
     one = _reflected(normals, to_lamp, gloss, np.ones((len(normals), 1)))
     return (one - _reflected(normals, to_lamp, gloss, np.zeros((len(normals), 1))))[:, 0]
+
+
+def test_tiles_with_a_margin_join_as_if_they_were_smoothed_together():
+    """Four tiles of 61 px and the whole: normals differ by a 50th of the noise that is left to them, at most by a 10th.
+    Shares of it, whose probes leave 10 % in each, are alike in the mean.
+    """
+    size, spread, stiffness = 121, 0.004, Stiffness(1e6, 0.5)
+    views, random = seen(size), np.random.default_rng(8)
+    radius = (views.columns - 60.0) / 100.0, (views.rows - 60.0) / 100.0
+    true = np.stack([radius[0], -radius[1], np.sqrt(1.0 - radius[0] ** 2 - radius[1] ** 2)], axis=1)
+    times = np.where(views.columns < 50, 1.0, 1.5)
+    normals, variance = noisy(true, spread * times[:, None], random), 2.0 * (spread * times) ** 2
+    whole, share = smooth_surface(views, stiffness.value, normals, variance)
+    margin = margin_of(stiffness, views.image(variance.astype(np.float32)))
+    assert 8 <= margin < 60
+    found, left = np.zeros_like(whole), np.zeros(len(whole))
+    for row in (0, 61):
+        for column in (0, 61):
+            near, own = (
+                (views.rows >= row - m) & (views.rows < row + 61 + m) & (views.columns >= column - m)
+                & (views.columns < column + 61 + m) for m in (margin, 0)
+            )  # fmt: skip
+            parts = smooth_surface(views.pixels(near), stiffness.value, normals[near], variance[near])
+            found[own], left[own] = (part[own[near]] for part in parts)
+    off, stated = angle(found, whole), np.sqrt(share * variance)
+    assert np.sqrt(np.mean((off / stated) ** 2)) < 0.02
+    assert np.max(off / stated) < 0.1
+    inner = np.all([(one > 12) & (one < size - 12) for one in (views.rows, views.columns)], axis=0)
+    assert np.sqrt(np.mean((left / share - 1.0)[inner] ** 2)) < 0.15
+    assert left[inner].mean() == pytest.approx(share[inner].mean(), rel=0.03)
 
 
 @pytest.mark.nightly

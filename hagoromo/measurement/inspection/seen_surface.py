@@ -142,9 +142,9 @@ def seen_surface(measurement: Measurement, taken: Photographed | None = None) ->
     if own is not None and shared is not None:
         shared = shared.of_size(known.shape)
         own = np.maximum(own - only(shared.variances[0]), 0.0)
-    summed = own
-    if own is not None and fine is None and measurement.summed_variance is not None:
-        summed = np.maximum(own, only(np.minimum(measurement.summed_variance, UNKNOWN_DIRECTION)))
+    summed, sums = own, measurement.summed_variance if fine is None else fine.summed
+    if own is not None and sums is not None:
+        summed = np.maximum(own, only(np.minimum(sums, UNKNOWN_DIRECTION)))
     return SeenSurface(
         taken.camera,
         known,

@@ -18,8 +18,9 @@ from hagoromo.measurement.surface.cast_shadows import cast_shadows
 from hagoromo.measurement.surface.depth import DepthSurface, surface_from_normals, surface_of
 from hagoromo.measurement.surface.own_light import NOTABLE, OwnLight, Values, own_light, without
 from hagoromo.measurement.surface.shape import SIMPLE, has_near_lamps, solve_shape
+from hagoromo.measurement.surface.tile_pixels import Coarse
 from hagoromo.measurement.surface.tile_store import FolderSource, Source, binned, coarse_factor, tile_store
-from hagoromo.measurement.surface.tiles import Coarse, Fine, solve_coarse, solve_tiles
+from hagoromo.measurement.surface.tiles import Fine, solve_coarse, solve_tiles
 from hagoromo.photograph.capture import Capture, capture_file, count_absent, load_capture
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.photograph.transforms import CaptureRecord
