@@ -161,7 +161,7 @@ def _lit(normals: np.ndarray, to_lamp: np.ndarray, gloss) -> np.ndarray:
 
 def test_tiles_with_a_margin_join_as_if_they_were_smoothed_together():
     """Four tiles of 61 px and the whole: normals differ by a 50th of the noise that is left to them, at most by a 10th.
-    Shares of it, whose probes leave 10 % in each, are alike in the mean.
+    Shares of it agree to what their probes leave, 10 % in the mean (see above), and half as much again in each pixel.
     """
     size, spread, stiffness = 121, 0.004, Stiffness(1e6, 0.5)
     views, random = seen(size), np.random.default_rng(8)
@@ -186,7 +186,7 @@ def test_tiles_with_a_margin_join_as_if_they_were_smoothed_together():
     assert np.max(off / stated) < 0.1
     inner = np.all([(one > 12) & (one < size - 12) for one in (views.rows, views.columns)], axis=0)
     assert np.sqrt(np.mean((left / share - 1.0)[inner] ** 2)) < 0.15
-    assert left[inner].mean() == pytest.approx(share[inner].mean(), rel=0.03)
+    assert left[inner].mean() == pytest.approx(share[inner].mean(), rel=0.1)
 
 
 @pytest.mark.nightly
