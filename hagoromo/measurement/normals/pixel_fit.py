@@ -6,6 +6,7 @@ Levenberg–Marquardt with Cauchy's loss on the residuals of `photometric_fit`; 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import drjit as dr
@@ -110,7 +111,7 @@ def fit_pixels(
     `steps`. Of the pixels that have not converged then, those whose damping reached STALLED_DAMPING, or
     whose last trial was rejected although steps were left, have stalled; the others are out of steps.
     """
-    data = PixelData(views, light)
+    data = PixelData(*_that_count(views, light))
     normal, colour = data.vectors(normals), [data.floats(channel) for channel in body]
     equations, damping = data.equations(normal, colour), dr.full(arrays().Float, 1e-2, len(normals))
     settled = dr.full(arrays().Bool, False, len(normals))
@@ -245,6 +246,18 @@ class PixelData:
             dr.set_grad(angle, 1.0)
             slopes.append(dr.forward_to(*weights))
         return tuple(dr.detach(weight) for weight in weights), slopes
+
+
+def _that_count(views: Views, light: PixelConditions) -> tuple[Views, PixelConditions]:
+    """Both without lamps that no pixel uses."""
+    used = light.precision.any(axis=(1, 2))
+    if light.lower is not None:
+        used |= light.lower.any(axis=(1, 2))
+    if used.all():
+        return views, light
+    lower = None if light.lower is None else light.lower[used]
+    light = light._replace(evenness=light.evenness[used], precision=light.precision[used], lower=lower)
+    return replace(views, values=views.values[used], to_lamp=views.to_lamp[used]), light
 
 
 def frame(normal: Any) -> tuple[Any, Any]:

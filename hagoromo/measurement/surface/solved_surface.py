@@ -14,6 +14,7 @@ from hagoromo.files.record import decode, read_json
 from hagoromo.measurement.measurement import Measurement
 from hagoromo.measurement.normals.gloss_choice import BY_EVIDENCE, GlossModel
 from hagoromo.measurement.normals.normals import NormalMap, solve_normals, solve_with_one_lobe
+from hagoromo.measurement.normals.views import FEWEST_LAMPS
 from hagoromo.measurement.surface.cast_shadows import cast_shadows
 from hagoromo.measurement.surface.depth import DepthSurface, surface_from_normals, surface_of
 from hagoromo.measurement.surface.own_light import NOTABLE, OwnLight, Values, own_light, without
@@ -33,6 +34,7 @@ SOLVE_BYTES_PER_VALUE = (
     100  # of a value: value, variance, light, model and weights in double precision, and their copies
 )
 SECONDS_PER_VALUE = 2.8e-6  # of a pixel in a photograph, on one core: 12 Mpixel under 96 lamps took 53 minutes
+SMOOTH = 1.8  # times as long where normals of tiles are smoothed: of 192² pixels under 16 lamps 2.3, more lamps less
 STORING_SHARE, COARSE_SHARE = 0.3, 0.1  # shares of the time: writing tiles, solving the reduced capture
 
 
@@ -150,7 +152,8 @@ def expected_time(source: Source, processes: int) -> str:
     """What to expect of `solve_large`: how many values, and about how long on so many processes of a core each."""
     pixels = source.photograph(0).values.shape
     values = float(pixels[0] * pixels[1]) * source.count
-    minutes = SECONDS_PER_VALUE * values / processes / 60.0
+    longer = SMOOTH if source.count >= 2 * FEWEST_LAMPS else 1.0
+    minutes = longer * SECONDS_PER_VALUE * values / processes / 60.0
     many = f"{processes} process" + ("es" if processes > 1 else "")
     return (
         f"{source.count} photographs of {pixels[1]} × {pixels[0]} px in tiles: about {max(minutes, 1.0):.0f} min "

@@ -22,7 +22,7 @@ from hagoromo.measurement.normals.lobe_fit import FoundLobes, fit_with
 from hagoromo.measurement.normals.lobe_samples import Trust
 from hagoromo.measurement.normals.normals import NormalMap, robust_lambert
 from hagoromo.measurement.normals.photometric_model import Fit
-from hagoromo.measurement.normals.pixel_fit import fit_pixels
+from hagoromo.measurement.normals.pixel_fit import PIXEL_FIT_STEPS, fit_pixels
 from hagoromo.measurement.normals.shading import Gloss
 from hagoromo.measurement.normals.smooth_normals import conditions
 from hagoromo.measurement.normals.smooth_share import Stiffness
@@ -30,6 +30,8 @@ from hagoromo.measurement.normals.views import CLIPPED, Array, Stack, Views, vie
 from hagoromo.measurement.surface.depth import DepthSurface
 from hagoromo.measurement.surface.tile_store import TileStore
 from hagoromo.photograph.capture import Capture
+
+FIRST_STEPS = 3  # with one lobe, from which the fit with all lobes starts
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +98,11 @@ class TilePixels(NamedTuple):
 
 
 def with_one_lobe(
-    store: TileStore, coarse: Coarse, stack: Stack, pixels: tuple[NDArray[np.intp], NDArray[np.intp]]
+    store: TileStore,
+    coarse: Coarse,
+    stack: Stack,
+    pixels: tuple[NDArray[np.intp], NDArray[np.intp]],
+    steps: int = PIXEL_FIT_STEPS,
 ) -> TilePixels | None:
     """Normals and body colours of `pixels` of full size on the coarse surface; None where three lamps light none."""
     views = on_surface(store, coarse, stack, pixels) if len(pixels[0]) else None
@@ -105,7 +111,7 @@ def with_one_lobe(
     count = len(views.rows)
     nothing = np.zeros((count, 3)), np.zeros((store.channels, count)), np.full(count, np.inf)
     fit, place = fine_fit(store, coarse, (views.rows, views.columns), nothing)
-    found = fit_pixels(views, conditions(views, fit, place), *robust_lambert(views))
+    found = fit_pixels(views, conditions(views, fit, place), *robust_lambert(views), steps)
     fit = replace(fit, normals=found.normals, body=found.body, variance=found.variance)
     return TilePixels(views, fit, place, trust_in(views), found.converged)
 
@@ -114,9 +120,11 @@ def with_all_lobes(
     store: TileStore, coarse: Coarse, stack: Stack, pixels: tuple[NDArray[np.intp], NDArray[np.intp]]
 ) -> TilePixels | None:
     """As `with_one_lobe`, then with all lobes that were found."""
-    solved = with_one_lobe(store, coarse, stack, pixels)
-    if solved is None or not any(coarse.lobes):
-        return solved
+    if not any(coarse.lobes):
+        return with_one_lobe(store, coarse, stack, pixels)
+    solved = with_one_lobe(store, coarse, stack, pixels, FIRST_STEPS)
+    if solved is None:
+        return None
     views, fit = solved.views, fit_with(solved.fit, coarse.lobes)
     found = fit_pixels(views, conditions(views, fit, solved.place), fit.normals, fit.body)
     fit = replace(fit, normals=found.normals, body=found.body, variance=found.variance)
