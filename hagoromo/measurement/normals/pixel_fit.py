@@ -102,14 +102,15 @@ class NormalFit(NamedTuple):
 
 
 def fit_pixels(
-    views: Views, light: PixelConditions, normals: Array, body: Array, steps: int = PIXEL_FIT_STEPS
+    views: Views, light: PixelConditions, normals: Array, body: Array, steps: int | None = None
 ) -> NormalFit:
     """The normal and body colour of every pixel, from the start `normals` (P, 3) and `body` (C, P).
 
     A pixel has converged when its last accepted step, or an undamped step from where it is, lowers its loss by less
     than the share CONVERGED_GAIN. The loop ends when at most STILL_MOVING_SHARE of the pixels are moving, or after
-    `steps`. Of the pixels that have not converged then, those whose damping reached STALLED_DAMPING, or
-    whose last trial was rejected although steps were left, have stalled; the others are out of steps.
+    `steps`, by default PIXEL_FIT_STEPS. Of the pixels that have not converged then, those whose damping reached
+    STALLED_DAMPING, or whose last trial was rejected although steps were left, have stalled; the others are out of
+    steps.
     """
     data = PixelData(*_that_count(views, light))
     normal, colour = data.vectors(normals), [data.floats(channel) for channel in body]
@@ -117,7 +118,7 @@ def fit_pixels(
     settled = dr.full(arrays().Bool, False, len(normals))
     dr.make_opaque(damping, settled)
     exhausted, moving = True, ~settled
-    for _ in range(steps):
+    for _ in range(PIXEL_FIT_STEPS if steps is None else steps):
         trial_normal, trial_colour = data.moved(normal, colour, equations, damping)
         dr.eval(trial_normal, trial_colour)  # one kernel for the equations, compiled once
         trial = data.equations(trial_normal, trial_colour)

@@ -25,7 +25,6 @@ from hagoromo.measurement.normals.photometric_model import Fit, further_rows, pr
 from hagoromo.measurement.normals.pixel_errors import UNKNOWN_DIRECTION
 from hagoromo.measurement.normals.pixel_fit import (
     LEAST_BODY_RATIO,
-    PIXEL_FIT_STEPS,
     NormalFit,
     PixelConditions,
     fit_pixels,
@@ -72,7 +71,7 @@ def smooth_surface(views: Views, stiffness: float, normals: Array, variance: Arr
     return smooth, np.minimum(share + flattened(views, normals, smooth, variance, share) / variance, 1.0)
 
 
-def of_halves(views: Views, fit: Fit, place: Array | None = None, steps: int = PIXEL_FIT_STEPS) -> list[NormalFit]:
+def of_halves(views: Views, fit: Fit, place: Array | None = None, steps: int | None = None) -> list[NormalFit]:
     """The normals of both halves of the lamps, from those of all lamps in at most so many steps.
 
     place: (P, 2) of pixels that are part of an object.

@@ -22,7 +22,7 @@ from hagoromo.measurement.normals.lobe_fit import FoundLobes, fit_with
 from hagoromo.measurement.normals.lobe_samples import Trust
 from hagoromo.measurement.normals.normals import NormalMap, robust_lambert
 from hagoromo.measurement.normals.photometric_model import Fit
-from hagoromo.measurement.normals.pixel_fit import PIXEL_FIT_STEPS, fit_pixels
+from hagoromo.measurement.normals.pixel_fit import fit_pixels
 from hagoromo.measurement.normals.shading import Gloss
 from hagoromo.measurement.normals.smooth_normals import conditions
 from hagoromo.measurement.normals.smooth_share import Stiffness
@@ -102,7 +102,7 @@ def with_one_lobe(
     coarse: Coarse,
     stack: Stack,
     pixels: tuple[NDArray[np.intp], NDArray[np.intp]],
-    steps: int = PIXEL_FIT_STEPS,
+    steps: int | None = None,
 ) -> TilePixels | None:
     """Normals and body colours of `pixels` of full size on the coarse surface; None where three lamps light none."""
     views = on_surface(store, coarse, stack, pixels) if len(pixels[0]) else None
