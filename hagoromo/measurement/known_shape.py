@@ -25,7 +25,7 @@ from hagoromo.measurement.material.sandwich import MaterialFit
 from hagoromo.measurement.material.segment import interior, segment
 from hagoromo.measurement.measurement import Measurement
 from hagoromo.measurement.observations import Observations, known_shape, observe, shape
-from hagoromo.measurement.parameters import N_RANGE
+from hagoromo.measurement.parameters import check_index
 from hagoromo.measurement.photometric.term import CaptureTerms, Term
 from hagoromo.measurement.photometric.term_fit import TermProfile, dispersion, fit_terms
 from hagoromo.measurement.sight import Array
@@ -124,8 +124,7 @@ def with_separation(capture: Capture, measurement: Measurement) -> Measurement:
 
 def _check(capture: Capture, labels: NDArray[np.integer] | None, n: float | None) -> None:
     points, _ = shape(capture)
-    if n is not None and not N_RANGE[0] <= n <= N_RANGE[1]:
-        raise InputError(f"n is {n}: give a refractive index from {N_RANGE[0]:g} to {N_RANGE[1]:g}")
+    check_index(n)
     for photograph in capture.photographs:
         if not photograph.lamps:
             raise InputError(f"photograph {photograph.name!r} has no lamp: calibrate the lamps first")

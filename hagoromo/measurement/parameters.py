@@ -15,6 +15,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from hagoromo.errors import InputError
 from hagoromo.reflectance.facets import GAUSSIAN
 from hagoromo.reflectance.parameters import ROWS
 
@@ -24,6 +25,12 @@ TAIL, STRENGTH, LOG_GAMMA, LOG_N1 = -4, -3, -2, -1  # places in θ
 PLACES = {"nu": TAIL, "gamma": LOG_GAMMA, "n": LOG_N1}  # of the coordinates in which the table has them fitted
 GAMMA_RANGE, N_RANGE = ROWS["gamma"].fit.range, ROWS["n"].fit.range  # admissible
 DARKEST_COLOUR = 1e-3  # smallest interface colour of a channel, against the mean, that is packed
+
+
+def check_index(n: float | None) -> None:
+    """`InputError` for a refractive index that no fit takes."""
+    if n is not None and not N_RANGE[0] <= n <= N_RANGE[1]:
+        raise InputError(f"n is {n}: give a refractive index from {N_RANGE[0]:g} to {N_RANGE[1]:g}")
 
 
 def channels_of(theta: Array) -> int:

@@ -16,6 +16,7 @@ from hagoromo.errors import InputError
 from hagoromo.measurement.material.estimate import estimate_material
 from hagoromo.measurement.material.model_choice import Facets, Interface
 from hagoromo.measurement.observations import MOST_VALUES, Observations, evenly_drawn
+from hagoromo.measurement.parameters import check_index
 from hagoromo.measurement.sight import Array, Sight
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
 from hagoromo.reflectance.torrance_sparrow import Cosines
@@ -91,6 +92,7 @@ class ReflectanceTable:
         self, name: str = "table", n: float | None = None, facets: Facets = "auto", interface: Interface = "auto"
     ) -> MaterialEstimate:
         """The material of the table, of as many of its rows as a fit takes: see `fit_table`."""
+        check_index(n)
         rows = self.thinned(MOST_VALUES)
         return estimate_material(rows.observations(), name, len(rows.values), n=n, facets=facets, interface=interface)
 

@@ -209,3 +209,11 @@ def test_the_study_of_tables_finds_a_truth_of_our_own_in_both_layouts(tmp_path):
     assert [row.file for row in rows] == ["MERL", "RGL"]
     for row in rows:
         assert row.ours < 0.003 and row.other == pytest.approx(0.1, rel=1e-6) and 0.001 < row.layout < 0.01
+
+
+def test_an_index_that_no_fit_takes_is_refused():
+    """It was taken for 3, the nearest that is admissible, without a word."""
+    ways = np.tile([[0.0, 0.0, 1.0]], (40, 1))
+    table = hg.ReflectanceTable(ways, ways, np.full((40, 3), 0.1)).with_relative_error(0.01)
+    with pytest.raises(hg.InputError, match=r"n is 8: give a refractive index from 1\.05 to 3"):
+        table.fit(n=8)
