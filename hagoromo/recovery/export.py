@@ -17,6 +17,7 @@ from hagoromo.matter.shape import coverage, unit
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.recovery.distance_field import DistanceField
 from hagoromo.recovery.fuzzy_shape import THIN, FuzzyShape
+from hagoromo.recovery.lattice import Lattice
 from hagoromo.recovery.matter_field import COLOURS
 from hagoromo.recovery.recovered import Recovered, RecoveredMesh
 from hagoromo.recovery.shading import ALPHA
@@ -44,11 +45,8 @@ def recovered_box(recovered: Recovered, side: int | None = None) -> VolumeBox:
     is not known. A reflectance that would give back more than it receives is dimmed: the name of the box says by how
     much, and lamps must be stronger by that factor.
     """
-    if side is not None and not LEAST_BOX <= side <= LARGEST_BOX:
-        raise InputError(f"side is {side}: give {LEAST_BOX} to {LARGEST_BOX} voxels")
     lattice = recovered.lattice
-    edges = np.array(lattice.shape[::-1]) * lattice.voxel
-    voxel = float(edges.max()) / (side or min(FINENESS * max(lattice.shape), MOST_SIDE))
+    edges, voxel = _edges_and_voxel(lattice, side, min(FINENESS * max(lattice.shape), MOST_SIDE))
     shape: Any = tuple(int(np.ceil(edge / voxel)) + 1 for edge in edges)
     field = DistanceField(recovered.distance, recovered.colours)
     materials, dim = conserving(recovered)
@@ -83,11 +81,8 @@ def fuzzy_box(recovered: Recovered, fuzzy: FuzzyShape, side: int | None = None) 
 
     Density, axes and colours are linear between nodes, as in the box. See `recovered_box` for colours and dimming.
     """
-    if side is not None and not LEAST_BOX <= side <= LARGEST_BOX:
-        raise InputError(f"side is {side}: give {LEAST_BOX} to {LARGEST_BOX} voxels")
     lattice, field = recovered.lattice, fuzzy.field()
-    edges = np.array(lattice.shape[::-1]) * lattice.voxel
-    voxel = float(edges.max()) / (side or max(lattice.shape))
+    edges, voxel = _edges_and_voxel(lattice, side, max(lattice.shape))
     shape: Any = tuple(max(round(edge / voxel), 1) for edge in edges)
     materials, dim = conserving(recovered)
     jit, densest = arrays(), float(fuzzy.density.max())
@@ -104,6 +99,14 @@ def fuzzy_box(recovered: Recovered, fuzzy: FuzzyShape, side: int | None = None) 
         matter, shape, voxel, densest / lattice.voxel, materials, pose=_pose(recovered, lattice.voxel),
         basis=basis_of(recovered.photographs), name=_name(recovered, dim),
     )  # fmt: skip
+
+
+def _edges_and_voxel(lattice: Lattice, side: int | None, usual: int) -> tuple[NDArray[np.float64], float]:
+    """Edges of a lattice, and the edge of a voxel of which the longest one has `side`, or else `usual` [m]."""
+    if side is not None and not LEAST_BOX <= side <= LARGEST_BOX:
+        raise InputError(f"side is {side}: give {LEAST_BOX} to {LARGEST_BOX} voxels")
+    edges = np.array(lattice.shape[::-1]) * lattice.voxel
+    return edges, float(edges.max()) / (side or usual)
 
 
 def _name(recovered: Recovered, dim: float) -> str:

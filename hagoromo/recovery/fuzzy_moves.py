@@ -41,11 +41,8 @@ class FuzzyMoves(MatterMoves):
         self.by_density, self.by_axes = Adam(count), [Adam(count) for _ in range(AXES)]
 
     def held(self) -> NDArray[np.bool_]:
-        """Within reach, inside the lattice."""
-        reach = np.array(self.field.reach).reshape(self.field.shape)
-        inner = np.zeros(reach.shape, bool)
-        inner[1:-1, 1:-1, 1:-1] = True
-        return (reach < BESIDE) & inner
+        """Within reach."""
+        return np.array(self.field.reach).reshape(self.field.shape) < BESIDE
 
     def move_values(self, rate: float, fall: float) -> None:
         """Move logarithms of extinctions, and axes."""

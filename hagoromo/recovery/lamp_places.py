@@ -19,7 +19,7 @@ from hagoromo.recovery.gloss_step import CORRELATED, robust
 from hagoromo.recovery.lamp_table import LampTable
 from hagoromo.recovery.matter_field import COLOURS
 from hagoromo.recovery.pixel_table import PixelTable
-from hagoromo.recovery.rendering import Rendering, SeenLight
+from hagoromo.recovery.rendering import Rendering
 from hagoromo.recovery.strengths import normal_equations
 
 Array = NDArray[np.float64]
@@ -90,10 +90,10 @@ class LampPlaces:
         base, units = rendering.light(drawn), self._units(lamps)
         rest = [value - seen for value, seen in zip(drawn.values, base.channels, strict=True)]
         weight = np.array(robust(drawn, rest, pixels.limit), np.float64)
-        before, slopes = self._light(base), []
+        before, slopes = base.of_lamps, []
         for axis in np.eye(3):
             self.apply(lamps, DIFFERENCE * units * axis)
-            slopes.append((self._light(rendering.light(drawn)) - before) / DIFFERENCE)
+            slopes.append((rendering.light(drawn).of_lamps - before) / DIFFERENCE)
         number = self.number[np.array(drawn.photograph)].T  # (each, pixels)
         at = np.concatenate([np.where(number < 0, -1, 3 * number + axis) for axis in range(3)])
         by_channel = [(at, np.concatenate([slope[:, c] for slope in slopes])) for c in range(COLOURS)]
@@ -102,13 +102,6 @@ class LampPlaces:
         change = fall * DAMPED * np.linalg.solve(matrix + prior * np.eye(len(now)), side - prior * now)
         self.values = self.values + np.clip(change, -LARGEST, LARGEST).reshape(-1, 3) * units
         self.apply(lamps)
-
-    def _light(self, light: SeenLight) -> Array:
-        """(each, channels, pixels) of every lamp."""
-        return np.stack([
-            np.stack([np.array(passed * light.seen.light[k * COLOURS + c], np.float64) for c in range(COLOURS)])
-            for k, passed in enumerate(light.passed)
-        ])  # fmt: skip
 
     def of(self, photograph: Photograph) -> Photograph:
         """A photograph with its lamps where they were found; as stated, where nothing is known of them."""

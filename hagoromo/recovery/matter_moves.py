@@ -54,13 +54,15 @@ class MatterMoves(ABC):
 
     def choose(self) -> None:
         """Choose the nodes that move; their steps begin anew."""
-        held = np.flatnonzero(self.held())
+        inner = np.zeros(self.field.shape, bool)
+        inner[1:-1, 1:-1, 1:-1] = True  # neighbours have neighbours
+        held = np.flatnonzero(self.held() & inner)
         self.nodes = lookup(arrays().UInt, held.astype(np.uint32))
         self.by_colours = [Adam(len(held)) for _ in range(COLOURS)]
 
     @abstractmethod
     def held(self) -> NDArray[np.bool_]:
-        """(nz, ny, nx), the nodes that are to move."""
+        """(nz, ny, nx), the nodes that are to move; those at the edge of the lattice do not."""
 
     @abstractmethod
     def move_values(self, rate: float, fall: float) -> None:

@@ -37,6 +37,14 @@ class SeenLight:
         ]
 
     @property
+    def of_lamps(self) -> NDArray[np.float64]:
+        """(lamps, channels, rays) what arrives of each lamp's light."""
+        parts = [
+            share * self.seen.light[k * COLOURS + c] for k, share in enumerate(self.passed) for c in range(COLOURS)
+        ]
+        return np.stack([np.array(part, np.float64) for part in parts]).reshape(len(self.passed), COLOURS, -1)
+
+    @property
     def opacity(self) -> NDArray[np.float32]:
         """(rays,) share of what is behind that the object hides."""
         return np.asarray(1.0 - np.exp(-np.array(self.seen.depth)), np.float32)

@@ -90,12 +90,8 @@ class Strengths:
         weight = np.array(robust(drawn, rest, pixels.limit), np.float64)
         count = len(self.values)
         number = self.number[:, np.array(drawn.photograph)]  # (2, pixels, each)
-        by_channel = []
-        for c in range(COLOURS):
-            parts = [np.array(p * light.seen.light[k * COLOURS + c], np.float64) for k, p in enumerate(light.passed)]
-            own = [(number[w, :, k], part) for w in (0, 1) for k, part in enumerate(parts)]
-            at, slope = (np.stack(each) for each in zip(*own, strict=True))
-            by_channel.append((at, slope))
+        at, parts = np.concatenate(number.swapaxes(1, 2)), light.of_lamps  # of lamps, then of photographs
+        by_channel = [(at, np.concatenate([parts[:, c]] * 2)) for c in range(COLOURS)]
         matrix, side = normal_equations(pixels, drawn, rest, weight, by_channel, count, CORRELATED)
         matrix, side = matrix + np.eye(count) / PRIOR**2, side - self.values / PRIOR**2
         change = fall * DAMPED * np.linalg.solve(matrix, side)

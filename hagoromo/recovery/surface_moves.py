@@ -34,11 +34,8 @@ class SurfaceMoves(MatterMoves):
         self.by_distance = Adam(dr.width(self.nodes))
 
     def held(self) -> NDArray[np.bool_]:
-        """Near the surface, inside the lattice."""
-        distance = self.field.distances()
-        inner = np.zeros(distance.shape, bool)
-        inner[1:-1, 1:-1, 1:-1] = True
-        return (np.abs(distance) < BAND) & inner
+        """Near the surface."""
+        return np.abs(self.field.distances()) < BAND
 
     def move_values(self, rate: float, fall: float) -> None:
         """Move distances [voxel]."""
