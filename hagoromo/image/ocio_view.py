@@ -10,7 +10,8 @@ from hagoromo.files.checks import existing_file
 from hagoromo.files.icc import DISPLAY_P3, SRGB
 from hagoromo.files.reading import library
 
-ACES = "ocio://studio-config-v4.0.0_aces-v2.0_ocio-v2.5"  # OpenColorIO's own
+OWN = "ocio://"  # begins the names of OpenColorIO's own configurations
+ACES = f"{OWN}studio-config-v4.0.0_aces-v2.0_ocio-v2.5"  # OpenColorIO's own
 LINEAR = "Linear Rec.709 (sRGB)"  # as that configuration calls linear sRGB
 SCENE_LINEAR = "scene_linear"  # role of the space that a configuration computes in
 DATA = "Raw"  # a view that shows numbers, not colours
@@ -25,7 +26,7 @@ class OcioConfiguration:
 
     def __init__(self, place: str = ACES) -> None:
         self.ocio, self.place = library("PyOpenColorIO"), place
-        if not place.startswith("ocio://"):
+        if not place.startswith(OWN):
             existing_file(Path(place))
         try:
             self.config = self.ocio.Config.CreateFromFile(place)

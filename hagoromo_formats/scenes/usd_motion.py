@@ -14,12 +14,11 @@ from numpy.typing import NDArray
 
 from hagoromo.camera.pose import opencv_from_opengl, turned_about_axes
 from hagoromo.errors import InputError
-from hagoromo.image.film.motion_record import MOST_KEYS, RATE
+from hagoromo.image.film.motion_record import MOST_KEYS, MOST_RATE, RATE
 
 Matrix = NDArray[np.float64]
 Table = dict[str, Any]
 RIGID = 1e-4  # departure of a turn from one
-MOST_RATE = 240.0  # frames a second of a film
 
 
 class Placed(NamedTuple):

@@ -25,9 +25,11 @@ from hagoromo.files.record import is_number, read_json_table, write_json, writte
 from hagoromo.files.resumable import resumable_folder
 from hagoromo.files.whole import replaceable_file, tidied, whole_file, write_bytes
 from hagoromo.image.film.motion import Tables, read_motion, turned
+from hagoromo.image.film.motion_record import MOST_RATE
 from hagoromo.image.film.shutter import moving_at
 from hagoromo.image.image import Image, auto_exposure
 from hagoromo.image.modes import Mode
+from hagoromo.image.ocio_view import OWN
 from hagoromo.image.prepared_scene import SceneCache
 from hagoromo.image.read_once import read_once
 from hagoromo.image.render import picture_of_mode
@@ -150,8 +152,8 @@ def _ordered(
         raise InputError("a time for each picture gives other frames from run to run: give samples, or an error")
     motion = read_motion(path)
     rate = motion.rate if rate is None else rate
-    if not 1.0 <= rate <= 240.0:
-        raise InputError(f"a film of {rate:g} frames a second: give 1 to 240")
+    if not 1.0 <= rate <= MOST_RATE:
+        raise InputError(f"a film of {rate:g} frames a second: give 1 to {MOST_RATE:g}")
     count = turn.frames if turn is not None else round(motion.seconds * rate)
     if motion.shutter is not None and turn is not None:
         raise InputError(f"{path} has a shutter, and a turn shows single instants: leave shutter_close out")
@@ -161,7 +163,7 @@ def _ordered(
         raise InputError(f"{path} does not move: give it a table [motion], or ask for a turn (--turntable 120)")
     if not 1 <= count <= MOST_FRAMES:
         raise InputError(f"a film of {count} frames: give 1 to {MOST_FRAMES}")
-    if look.ocio is not None and not look.ocio.startswith("ocio://"):
+    if look.ocio is not None and not look.ocio.startswith(OWN):
         look = replace(look, ocio=str(Path(look.ocio).absolute()))
     return FilmOrder(str(path), content_with_named(path, quick=True), settings, turn, count, rate, mode, look)
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from hagoromo.camera.pose import inverse_pose, pose_of
 from hagoromo.errors import InputError
 from hagoromo.files.record import decode, read_toml
-from hagoromo.image.film.motion_record import BoxKey, CameraKey, LampKey, MotionRecord, SurfaceKey
+from hagoromo.image.film.motion_record import MOST_RATE, BoxKey, CameraKey, LampKey, MotionRecord, SurfaceKey
 from hagoromo.image.scene import Scene
 from hagoromo.image.scene_file import SceneRecord
 from hagoromo.image.scene_lights import turned_tables
@@ -58,8 +58,8 @@ class Motion:
         self.seconds = record.seconds or max(self.key_times, default=0.0)
         if keys and not self.seconds > 0.0:
             raise InputError(f"{where} [motion]: all keyframes are of time 0: give later ones, or seconds")
-        if not 1.0 <= self.rate <= 240.0:
-            raise InputError(f"{where} [motion]: frames_per_second is {self.rate:g}: give 1 to 240")
+        if not 1.0 <= self.rate <= MOST_RATE:
+            raise InputError(f"{where} [motion]: frames_per_second is {self.rate:g}: give 1 to {MOST_RATE:g}")
 
     def at(self, time: float) -> dict[str, Any]:
         """The tables of the scene at a time [s], without [motion]."""

@@ -8,7 +8,7 @@ from hagoromo.files.record import NotNegative, Positive, Record, Vector, about, 
 from hagoromo.light.spectrum import SOURCE
 
 MOST_KEYS = 10_000
-RATE = 24.0  # frames a second
+RATE, MOST_RATE = 24.0, 240.0  # frames a second
 
 
 class CameraKey(Record, frozen=True, kw_only=True):
@@ -53,7 +53,7 @@ class MotionRecord(Record, frozen=True, kw_only=True):
     """How a scene moves: a film of so many seconds, and the keyframes of what moves in it."""
 
     seconds: Annotated[Positive | None, about("length of the film [s]; default: to the last keyframe")] = None
-    frames_per_second: Annotated[float, about("frames a second, 1…240")] = RATE
+    frames_per_second: Annotated[float, about(f"frames a second, 1…{MOST_RATE:g}")] = RATE
     shutter_open: Annotated[
         float, about("when the shutter opens, from the time of a picture [s]; 0 of a picture that is no film's")
     ] = 0.0
