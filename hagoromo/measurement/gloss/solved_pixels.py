@@ -38,9 +38,8 @@ class SolvedPixels:
 
     rows: (M, G) `Gloss` rows of its lobes, the first of which is the material's gloss; all lobes of a pixel are wider
     and stronger together. colour: (C,) of the interface. evenness: (K, P) of the lamps. variance: (K, C, P) of the
-    values, with the error of the model, inf where a value is not used;
-    clipped ones are lower bounds. tail: (P,) 1/ν of the first lobe of each pixel;
-    None: that of `rows`.
+    values, with the error of the model, inf where a value is not used; clipped ones
+    are lower bounds. tail: (P,) 1/ν of the first lobe of each pixel; None: that of `rows`.
     """
 
     views: Views

@@ -303,6 +303,11 @@ class Trust:
     trusted: NDArray[np.bool_]
     lower: NDArray[np.bool_]
 
+    @staticmethod
+    def of(views: Views, trusted: NDArray[np.bool_]) -> Trust:
+        """With the lower bounds of `views`."""
+        return Trust(trusted, np.zeros(views.values.shape, bool) if views.lower is None else views.lower)
+
     def pixels(self, chosen: NDArray) -> Trust:
         """That of some pixels."""
         return Trust(self.trusted[:, chosen], self.lower[..., chosen])
@@ -310,8 +315,7 @@ class Trust:
 
 def trust_of(capture: Capture, views: Views) -> Trust:
     """That of `views`, by the masks of `capture`."""
-    lower = np.zeros(views.values.shape, bool) if views.lower is None else views.lower
-    return Trust(views.valid(capture.photographs), lower)
+    return Trust.of(views, views.valid(capture.photographs))
 
 
 def samples_of(views: Views, fit: Fit, place: Array, trust: Trust) -> Samples:

@@ -164,8 +164,7 @@ def on_surface(
 
 def trust_in(views: Views) -> Trust:
     """Which values of pixels of full size count."""
-    lower = np.zeros(views.values.shape, bool) if views.lower is None else views.lower
-    return Trust(np.asarray(np.isfinite(views.variance).all(axis=1)), lower)
+    return Trust.of(views, np.asarray(np.isfinite(views.variance).all(axis=1)))
 
 
 def nearest_coarse(
