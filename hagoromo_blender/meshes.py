@@ -11,8 +11,8 @@ import bpy
 import numpy as np
 
 from .look import Images, look_of
-from .motion import Motion, key_of
-from .relief import TextureFiles
+from .motion import OpenShutter, key_of
+from .relief import ReliefFiles
 
 FLOAT, WORD = 5126, 5125  # component types of glTF
 FLAT = np.full((1, 1, 3), (0.5, 0.5, 1.0), np.float32)  # normals that turn nothing
@@ -24,7 +24,7 @@ class GltfFile:
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.images, self.lost = folder, Images(folder), set[str]()
-        self.textures = TextureFiles(folder)
+        self.textures = ReliefFiles(folder)
         self.parts: list[bytes] = []
         self.meshes: list[dict[str, Any]] = []  # what the nodes of meshes, called by their numbers, are in a scene.toml
         self.looks: dict[str, int] = {}
@@ -34,7 +34,7 @@ class GltfFile:
             "extensionsUsed": ["KHR_lights_punctual"],
         }  # fmt: skip
 
-    def add(self, each: bpy.types.DepsgraphObjectInstance, motion: Motion) -> None:
+    def add(self, each: bpy.types.DepsgraphObjectInstance, motion: OpenShutter) -> None:
         """The mesh of an evaluated object, a primitive for each of its materials."""
         shown, pose = each.object, each.matrix_world.copy()
         mesh = shown.to_mesh()

@@ -17,7 +17,7 @@ CAMERA = ("", ())
 Key = tuple[str, tuple[int, ...]]
 
 
-class Motion:
+class OpenShutter:
     """Places of what is shown at instants from the opening of the shutter to its closing; none where it is not open."""
 
     def __init__(self, depsgraph: bpy.types.Depsgraph, frame_set: Callable[[int, float], None] | None) -> None:

@@ -16,7 +16,7 @@ FILES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr")
 OF_UVS = ("UVMAP", "TEX_COORD")
 
 
-class TextureFiles:
+class ReliefFiles:
     """Files of textures in the folder of a scene, by image and what is made of it."""
 
     def __init__(self, folder: Path) -> None:

@@ -20,7 +20,7 @@ from .boxes import EXTINCTION, KEY, copied
 from .command import Refused, run
 from .look import GREY, pixels_of, write_image
 from .meshes import OF_MESHES, GltfFile
-from .motion import Motion, key_of
+from .motion import OpenShutter, key_of
 from .toml_out import toml_of
 
 LARGEST_SUN = 5e-3  # tangent of half the angle of a sun that is left out without a warning
@@ -45,7 +45,7 @@ def written(
     scene, made = depsgraph.scene, GltfFile(folder)
     if scene.camera is None:
         raise Refused("the scene has no camera: add one (Add › Camera)")
-    motion = Motion(depsgraph, frame_set)
+    motion = OpenShutter(depsgraph, frame_set)
     motion.camera()
     boxes, lamps = [], []
     for each in depsgraph.object_instances:
