@@ -4,13 +4,14 @@ import drjit as dr
 import numpy as np
 import pytest
 
-from hagoromo.backend import arrays, evaluate, lookup
+from hagoromo.backend import arrays, evaluate
 from hagoromo.recovery.density_field import DensityField
 from hagoromo.recovery.fuzzy_march import FuzzyMarch
 from hagoromo.recovery.fuzzy_shape import clearest_way_out
 from hagoromo.recovery.matter_field import COLOURS
 from hagoromo.recovery.matter_march import LatticeRays
 from hagoromo.reflectance.element import element_weights
+from tests.gradients.march_loss import add_gradients, column, loss
 
 SHAPE, RAYS = (17, 18, 19), 300
 STEP = 1e-2  # of central differences: less shows the rounding of the march in single precision
@@ -35,10 +36,6 @@ class Fibres:
         to_lamp, _, _ = self.lamps.arriving(None, 0, place)
         weights = element_weights("cylinder", axis, to_lamp, to_eye, 0.3, 0.5, 0.4, 1.5)
         return [weights.body * colour + weights.interface for colour in colours]
-
-
-def column(values):
-    return lookup(arrays().Float, np.ascontiguousarray(values, np.float32))
 
 
 def ball():
@@ -72,21 +69,10 @@ def scene():
         yield field, march, rays, weights
 
 
-def loss(march, rays, weights):
-    with dr.suspend_grad():
-        seen = march.seen(rays)
-    light = sum(np.array(w, np.float64) @ np.array(c, np.float64) for w, c in zip(weights, seen.light, strict=True))
-    return light + 0.3 * np.exp(-np.array(seen.depth, np.float64)).sum()
-
-
 @pytest.fixture(scope="module")
 def gradient(scene):
     field, march, rays, weights = scene
-    field.no_gradients()
-    with dr.suspend_grad():
-        seen = march.seen(rays)
-        evaluate(seen)
-        march.adjoint(rays, seen, weights, -0.3 * dr.exp(-seen.depth))
+    add_gradients(field, march, rays, weights)
     return {name: np.array(getattr(field, f"by_{name}"), np.float64) for name in ("density", "axes", "colours")}
 
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import hagoromo as hg
-from hagoromo.backend import arrays, evaluate, lookup
+from hagoromo.backend import arrays, evaluate
 from hagoromo.recovery.distance_field import DistanceField
 from hagoromo.recovery.matter_field import COLOURS
 from hagoromo.recovery.matter_march import LatticeRays
@@ -14,6 +14,7 @@ from hagoromo.recovery.surface_march import SurfaceMarch, depth_between, share_o
 from hagoromo.recovery.surface_moves import BENDING, EIKONAL, smoothness_slope
 from hagoromo.recovery.unknown_light import TERMS, UnknownLight
 from hagoromo.reflectance.torrance_sparrow import torrance_sparrow
+from tests.gradients.march_loss import add_gradients, column, loss
 
 SIDE, RAYS = 20, 400
 STEPS = (1e-3, 2.5e-4)  # [voxel], or of a colour, of central differences; their mean is less rough where splines join
@@ -50,10 +51,6 @@ class Smooth:
         return [e * colour for e, colour in zip(irradiance, colours, strict=True)]
 
 
-def column(values):
-    return lookup(arrays().Float, np.ascontiguousarray(values, np.float32))
-
-
 @pytest.fixture(scope="module", autouse=True)
 def even_steps():
     """Steps go by the field, and derivatives are those of held steps: here they are the same for every field.
@@ -88,22 +85,11 @@ def scene(request):
     return field, march, rays, weights
 
 
-def loss(march, rays, weights):
-    with dr.suspend_grad():
-        seen = march.seen(rays)
-    light = sum(np.array(w, np.float64) @ np.array(c, np.float64) for w, c in zip(weights, seen.light, strict=True))
-    return light + 0.3 * np.exp(-np.array(seen.depth, np.float64)).sum()
-
-
 @pytest.fixture(scope="module")
 def gradient(scene):
     """By distances and by colours."""
     field, march, rays, weights = scene
-    field.no_gradients()
-    with dr.suspend_grad():
-        seen = march.seen(rays)
-        evaluate(seen)
-        march.adjoint(rays, seen, weights, -0.3 * dr.exp(-seen.depth))
+    add_gradients(field, march, rays, weights)
     return np.array(field.by_distance, np.float64), np.array(field.by_colours, np.float64)
 
 

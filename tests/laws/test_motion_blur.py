@@ -149,9 +149,8 @@ def scene_file(tmp_path):
     return write
 
 
-def test_a_picture_is_the_mean_of_those_at_several_times(scene_file):
-    """Blocks of 4 × 4 pixels in their noise, of all orders: 48 pictures, whose steps are a tenth of a pixel."""
-    path = scene_file(TURN)
+def mean_of_several(path):
+    """A picture of the open shutter, and the mean of 48 with the same blocks in their noise; one picture has others."""
     blurred = hg.render(path, hg.Settings(samples=768, seed=3), mode="path")
     several = hg.render(path, hg.Settings(samples=16, seed=103), mode="path", times=48)
     one = hg.render(path, hg.Settings(samples=768, seed=10), mode="path", times=1)
@@ -159,6 +158,12 @@ def test_a_picture_is_the_mean_of_those_at_several_times(scene_file):
     noise, *others = (np.asarray(image.variance) for image in (blurred, several, one))
     assert blocks_agree(other, y, noise + others[0], 4)
     assert not blocks_agree(sharp, y, noise + others[1], 4)
+    return blurred, several
+
+
+def test_a_picture_is_the_mean_of_those_at_several_times(scene_file):
+    """Blocks of 4 × 4 pixels in their noise, of all orders: 48 pictures, whose steps are a tenth of a pixel."""
+    blurred, several = mean_of_several(scene_file(TURN))
     assert several.metadata["times"] == 48 and blurred.metadata["scene"]["moving"] == {"instants": INSTANTS}
 
 
@@ -200,13 +205,7 @@ def scene_with_pyramid(scene_file, tmp_path):
 
 def test_a_surface_that_moves_is_the_mean_of_those_at_several_times(scene_with_pyramid):
     """Blocks in their noise, of all orders: its shadow and its relief turn with it."""
-    blurred = hg.render(scene_with_pyramid, hg.Settings(samples=768, seed=3), mode="path")
-    several = hg.render(scene_with_pyramid, hg.Settings(samples=16, seed=103), mode="path", times=48)
-    one = hg.render(scene_with_pyramid, hg.Settings(samples=768, seed=10), mode="path", times=1)
-    y, other, sharp = (image.xyz()[..., 1] for image in (blurred, several, one))
-    noise, *others = (np.asarray(image.variance) for image in (blurred, several, one))
-    assert blocks_agree(other, y, noise + others[0], 4)
-    assert not blocks_agree(sharp, y, noise + others[1], 4)
+    blurred, _ = mean_of_several(scene_with_pyramid)
     assert blurred.metadata["scene"]["moving"] == {"instants": INSTANTS, "surfaces": [1]}
 
 
