@@ -16,7 +16,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, reduce
 from importlib import import_module
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any, Literal
 
@@ -90,10 +90,18 @@ def function_at(place: str) -> Callable[..., Any]:
     return found
 
 
+def installed(group: str) -> tuple[EntryPoint, ...]:
+    """The entry points of a group; `InputError` where there are none: a folder of sources that is not installed."""
+    points = tuple(entry_points(group=group))
+    if not points:
+        raise InputError(f"hagoromo is not installed here: nothing is registered as {group}: pip install -e .")
+    return points
+
+
 @cache
 def formats() -> tuple[Format, ...]:
     """All formats, those of the core first."""
-    points = sorted(entry_points(group=GROUP), key=lambda point: (point.name != "core", point.name))
+    points = sorted(installed(GROUP), key=lambda point: (point.name != "core", point.name))
     return tuple(form for point in points for form in point.load())
 
 

@@ -13,12 +13,13 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping
 from functools import cache
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Annotated, Any, Generic, Literal, NamedTuple, TypeVar
 
 from hagoromo.errors import InputError, described
 from hagoromo.files.checks import inside
+from hagoromo.files.format import installed
 from hagoromo.files.record import Count, ForeignRecord, Positive, Record, about, decode, read_toml
 from hagoromo.matter.fill import Fineness
 from hagoromo.reflectance.element import Element
@@ -98,7 +99,7 @@ class Kind(NamedTuple):
 @cache
 def _points() -> dict[str, EntryPoint]:
     """The kinds by name; the metadata of all packages is read for it once."""
-    return {point.name: point for point in reversed(tuple(entry_points(group=GROUP)))}  # of one name the first is taken
+    return {point.name: point for point in reversed(installed(GROUP))}  # of one name the first is taken
 
 
 def kind_names() -> tuple[str, ...]:

@@ -34,10 +34,11 @@ def write_turning(demo: Path, out: Path, docs: Path | None, progress: Progress, 
     import cv2
 
     scene = out / "scene" / "scene.toml"
-    if not scene.exists():
+    built = scene.exists()
+    if not built:
         boxes = part_of(progress, 0.0, BUILDING, "boxes")
         write_figure_scene(cast_of(demo), FIGURE, camera_of(pixels), scene.parent, SAMPLES, SECONDS, RATE, boxes)
-    drawing = part_of(progress, BUILDING, 1.0 - BUILDING)
+    drawing = progress if built else part_of(progress, BUILDING, 1.0 - BUILDING)
     made = film(resized_scene(scene, pixels), out / "turning.webm", progress=drawing, force=True)
     if docs is None:
         return

@@ -10,7 +10,8 @@ from hagoromo.app.cli import main
 from hagoromo.app.info import info
 from hagoromo.camera.camera import Camera
 from hagoromo.camera.formats.camera_file import read_views, write_views
-from hagoromo.files.format import format_of, formats, function_at
+from hagoromo.errors import InputError
+from hagoromo.files.format import format_of, formats, function_at, installed
 from tests.files.test_volume_files import SAMPLES
 
 PLACES = ("reader", "writer", "sniff", "facts", "as_scene", "triangles", "mesh_writer")
@@ -69,3 +70,9 @@ def test_a_folder_that_is_split_as_nerfs_are_is_known_to_both_verbs(tmp_path):
     assert info(tmp_path)["frames"] == 1
     assert main(["convert", str(tmp_path), "--out", str(tmp_path / "b.yml")]) == 0
     assert read_views(tmp_path / "b.yml").keys() == VIEWS.keys()
+
+
+def test_sources_that_are_not_installed_say_so():
+    """They gave an empty list of formats: seen where the sources alone had been sent to a machine with a card."""
+    with pytest.raises(InputError, match=r"not installed here: nothing is registered as hagoromo\.unknown: pip"):
+        installed("hagoromo.unknown")
