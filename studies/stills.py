@@ -77,6 +77,7 @@ def stills(
     seconds: float | None = None,
     only: tuple[str, ...] = ORDER[:3],
     modes: tuple[Mode, ...] = MODES,
+    denoise: bool = False,
     page_alone: bool = False,
 ) -> None:
     """Stills, their previews and the page.
@@ -91,17 +92,19 @@ def stills(
         seconds: for how long mode path goes on, about; samples are then the least number of walks.
         only: names of those that are made: linen, hair, and figures such as figure_8_angel.
         modes: by which they are made.
+        denoise: without the noise of mode path, as Open Image Denoise guesses.
         page_alone: make nothing but the page of what is there.
     """
     out.mkdir(parents=True, exist_ok=True)
     for name in only if not page_alone else ():
         for mode in modes:
-            picture = out / f"{name}_{mode}_{pixels}.exr"
+            guessed = denoise and mode == "path"
+            picture = out / f"{name}_{mode}_{pixels}{'_denoised' if guessed else ''}.exr"
             if not picture.with_suffix(".json").exists():
                 scene = scene_file(From(recipes, demo, resolution), out, name, pixels)
                 say_time(scene, picture, mode, samples)
-                record = made(scene, picture, mode, samples, seconds)
-                record |= {"name": name, "mode": mode, "samples": samples, "seconds": seconds}
+                record = made(scene, picture, mode, samples, seconds, guessed)
+                record |= {"name": name, "mode": mode, "samples": samples, "seconds": seconds, "denoised": guessed}
                 hg.write_json(picture.with_suffix(".json"), record)
     records = {path: hg.read_json(path) for path in sorted(out.glob("*_*.json"))}
     rows = [row | {"file": path.stem} for path, row in records.items() if "command" in row]
@@ -150,17 +153,22 @@ def figure_file(sources: From, out: Path, name: str, pixels: int) -> Path:
 def say_time(scene: Path, picture: Path, mode: Mode, samples: int) -> None:
     """Say how long a still will take, by one of 1 / TRIAL of its width."""
     small = resized_scene(scene, max(max(hg.read_toml(scene)["camera"]["size"]) // TRIAL, 16))
-    trial = made(small, picture.with_name(f"trial_{picture.name}"), mode, samples)
+    tried = picture.with_name(f"trial_{picture.name}")
+    tried.unlink(missing_ok=True)  # of a run that was interrupted: there is nothing to resume
+    trial = made(small, tried, mode, samples)
     longest = trial["wall_s"] if mode == "full" else trial["wall_s"] * TRIAL**2
     about = "more than" if mode == "full" else "at most about"
     print(f"{picture.stem}: {about} {longest / 60:.0f} min, by a trial of {trial['wall_s']:.0f} s", flush=True)
 
 
-def made(scene: Path, picture: Path, mode: Mode, samples: int, seconds: float | None = None) -> dict[str, Any]:
+def made(
+    scene: Path, picture: Path, mode: Mode, samples: int, seconds: float | None = None, denoise: bool = False
+) -> dict[str, Any]:
     """Make a still in a process of its own: its command, wall and CPU time [s], largest resident memory [MiB]."""
     words = ("render", scene.as_posix(), "--out", picture.as_posix(), "--mode", mode)
     words += () if mode == "full" else ("--samples", str(samples))
     words += ("--time", f"{seconds:g}") if mode == "path" and seconds else ()
+    words += ("--denoise",) if denoise else ()
     words += ("--resume",) if mode == "path" and picture.exists() else ()
     start = time.monotonic()
     child = os.spawnv(os.P_NOWAIT, sys.executable, [sys.executable, "-m", "hagoromo", *words, "--force"])
@@ -195,7 +203,7 @@ def page(rows: list[dict[str, Any]], out: Path) -> None:
         "Matter as it would be hung, shown smaller. Times and memory are those of the command on two cores that others",
         "use, too: CPU time is of all cores. The building of boxes is not in them. Made by `python -m studies stills`;",
         "others by `python -m studies.stills examples/recipes --out out/stills`, with `--only`, `--modes`, `--pixels`,",
-        "`--samples` and, for figures, `--resolution` of their boxes.",
+        "`--samples`, `--denoise` and, for figures, `--resolution` of their boxes.",
     ]
     for name in dict.fromkeys(row["name"] for row in rows):
         own = [row for row in rows if row["name"] == name]
@@ -217,8 +225,8 @@ def page(rows: list[dict[str, Any]], out: Path) -> None:
 
 
 def named(row: Mapping[str, Any]) -> str:
-    """Mode and size of a still."""
-    return f"{row['mode']}, {row['size'][0]} × {row['size'][1]}"
+    """Mode and size of a still, and whether its noise was taken out."""
+    return f"{row['mode']}, {row['size'][0]} × {row['size'][1]}{', denoised' if row.get('denoised') else ''}"
 
 
 def title_of(name: str) -> str:
@@ -230,7 +238,8 @@ def stated(row: Mapping[str, Any]) -> str:
     """What a picture says of its own error."""
     if row["noise"] is not None:
         walks = f"{row['seconds']:g} s of walks" if row.get("seconds") else f"{row['samples']} walks"
-        return f"noise of a pixel {100 * row['noise']:.0f} %, {walks}"
+        before = " before denoising, which has no stated error" if row.get("denoised") else ""
+        return f"noise of a pixel {100 * row['noise']:.0f} %, {walks}{before}"
     if row["off"] is not None:
         return f"mean and blocks at most {100 * row['off']:.1f} % off"
     return "the first order alone"
