@@ -213,7 +213,7 @@ STUDIES: dict[str, Study] = {
     ),
     "turning": Study(
         "figure 8 as a film, and its first picture: docs/howto/film.md",
-        "half an hour",
+        "an hour",
         (("-m", "hagoromo_matter.demo.turning", "out/demo", "out/turning", "docs"),),
         needs_demo=True,
     ),

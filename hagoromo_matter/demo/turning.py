@@ -20,7 +20,7 @@ from hagoromo_matter.demo.plates import FILM
 
 FIGURE = "figure_8_whole"
 SECONDS, RATE = 8.0, 12.0  # of the film, and frames a second
-LONGER_SIDE = 400  # px, where no other is asked for
+LONGER_SIDE = 1620  # px, where no other is asked for
 SAMPLES = 2  # rays a pixel
 POSTER_QUALITY = 88
 BUILDING = 0.3  # of the time, when the boxes are there
@@ -57,7 +57,7 @@ if __name__ == "__main__":
     parser.add_argument("demo", type=Path, help="folder of a demo")
     parser.add_argument("out", type=Path, help="folder of the scene and its film")
     parser.add_argument("docs", type=Path, nargs="?", help="folder of the documentation; none: the film alone")
-    parser.add_argument("--pixels", type=int, default=LONGER_SIDE, help="along the longer side, such as 1620")
+    parser.add_argument("--pixels", type=int, default=LONGER_SIDE, help="along the longer side, such as 400")
     given = parser.parse_args()
     with progress_bar("turning") as bar:
         write_turning(given.demo, given.out, given.docs, bar, given.pixels)
