@@ -146,10 +146,16 @@ class Cache:
                 total -= size
 
     def _tidy(self) -> None:
-        """Remove what killed processes left half written."""
+        """Remove what killed processes left half written, and the locks of those that were making something."""
+        import filelock
+
         for left in self.folder.glob(".*.writing"):
             with suppress(InputError, OSError):  # it is being written now
                 tidy(left.with_name(left.name[1:].removesuffix(".writing")))
+
+        for left in self.folder.glob(".*.making"):
+            with suppress(filelock.Timeout, OSError), filelock.FileLock(left, timeout=0, thread_local=False):
+                left.unlink(missing_ok=True)
 
     def _room(self) -> float:
         """Bytes that the disk can spare for all of the cache."""
