@@ -17,7 +17,7 @@ import tyro
 
 import hagoromo as hg
 from studies.cluster_bench import measured
-from studies.cluster_orders import figure_rows, full_rows, on_paper
+from studies.cluster_orders import figure_of_modes, figure_rows, full_rows, on_paper
 from studies.cluster_page import write_cluster_page
 from studies.cluster_simulation import Machines, Work, simulate
 
@@ -43,7 +43,8 @@ def cluster_study(
         if demo is not None:
             figure = figure_rows(demo, scratch, hg.part_of(progress, 0.5, 0.5))
             orders = {"full": full_rows(scratch), "figure": figure}
-        paper = on_paper(orders["figure"], here["task"]["cpu_s"]) if orders["figure"] else None
+        by = orders["figure"] or figure_of_modes(BOXES_BYTES, PREPARE_S)
+        paper = on_paper(by, here["task"]["cpu_s"]) | {"by": by}
         record = {"hagoromo": hg.__version__, "here": here, **orders, "paper": paper, "simulated": simulated(here)}
         hg.write_json(home / ORDERS_ROWS.name, orders)
         for path in sorted(scratch.rglob("*"), reverse=True):

@@ -34,6 +34,7 @@ WIDTH = 3240  # px of the whole picture, of 2160 lines
 SMALLER = 30
 WALKS = 32  # a pixel
 ERROR = 0.02
+MODES_ROWS = Path(__file__).with_name("modes_rows.json")
 PAPER_WORKERS, PAPER_CORES = (1, 10, 100), 16
 
 
@@ -119,6 +120,22 @@ def ready_for_walks(order: SceneOrder) -> None:
 
     held = held_scene(order)
     held.ready(("path", 0), lambda: _stream(held, 0))
+
+
+def figure_of_modes(boxes_bytes: float, prepare_s: float) -> dict[str, Any]:
+    """What `on_paper` takes of FIGURE, by its row on the page of modes, where it is not measured on workers.
+
+    boxes_bytes, prepare_s: to fetch, and until they are ready; assumed. Every pixel gets as many walks.
+    """
+    row = hg.read_json(MODES_ROWS)[FIGURE]
+    wide, high = row["size"]
+    one = {"workers": 1, "cpu_s": row["seconds"]["path"], "prepare_cpu_s": prepare_s}
+    high_whole = round(WIDTH * high / wide)
+    return {
+        "rows": [one], "pixels": wide * high, "size": row["size"], "walks": row["walks"], "noise": row["noise_of_path"],
+        "walks_for_error": row["walks"] * (row["noise_of_path"] / ERROR) ** 2, "error": ERROR,
+        "whole_size": [WIDTH, high_whole], "whole_pixels": WIDTH * high_whole, "boxes_bytes": boxes_bytes,
+    }  # fmt: skip
 
 
 def on_paper(figure: dict[str, Any], scheduler_s: float) -> dict[str, Any]:

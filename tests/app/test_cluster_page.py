@@ -71,14 +71,20 @@ def test_ten_thousand_captures_are_bounded_by_the_store_in_the_end():
 
 
 def test_the_page_has_the_figures_of_its_record(tmp_path):
-    record = {"hagoromo": "0", "here": HERE, "full": FULL, "figure": FIGURE, "paper": on_paper(FIGURE, 1e-3)}
+    record = {
+        "hagoromo": "0",
+        "here": HERE,
+        "full": FULL,
+        "figure": FIGURE,
+        "paper": on_paper(FIGURE, 1e-3) | {"by": FIGURE},
+    }
     write_cluster_page(tmp_path, record | {"simulated": simulated(HERE)})
     page = (tmp_path / "cluster.md").read_text(encoding="utf-8")
     assert (
         "| 1 | 9.0 | 5.0 | the same | 2.0 |" in page
         and "| 2 | one, at the first task | the same | 8 |  | 2.0 |" in page
     )
-    assert "that is 200 hours of CPU: 4.17 d on two cores" in page
+    assert "these are 200 hours of CPU: 4.17 d on two cores" in page
     assert "| 2 | one, at the first tile | the same | 80 | 3.00 |" in page
     assert page.count("| 1000 |") == 4 and (tmp_path / "cluster.png").stat().st_size > 10_000
 
