@@ -1,8 +1,10 @@
 """The study of many machines: what workers give on this machine, and by simulation what 1, 100 and 1000 would.
 
-    python -m studies.cluster --out out/cluster
+    python -m studies.cluster --out out/cluster --demo out/demo
 
-Enters: nothing. Leaves: results.json, cluster.md and cluster.png, which belong to docs.
+Enters: the folder of a demo, whose materials figure 8 has; without one the tables of modes full and path are left as
+they were. Leaves: results.json, cluster.md and cluster.png, which belong to docs, and cluster_orders.json, which lies
+beside this file.
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ import tyro
 
 import hagoromo as hg
 from studies.cluster_bench import measured
+from studies.cluster_orders import figure_of_modes, figure_rows, full_rows, on_paper
 from studies.cluster_page import write_cluster_page
 from studies.cluster_simulation import Machines, Work, simulate
 
@@ -24,16 +27,26 @@ BOXES_BYTES = 4.0e9  # of the angel and the nun; `make figures` takes 8 GB
 HEAVIER = 4.0  # cost of a ray of figure 8 over one of the scene that is measured here: assumed
 PREPARE_S = 60.0  # of figure 8: boxes to the device, shadow maps of three lamps; assumed
 WORKER_CORES = 16
+ORDERS_ROWS = Path(__file__).with_name("cluster_orders.json")  # of the page as it stands
 CAPTURES = Work(scenes=10_000, tasks=1, fetched=12 * 20e6, prepare_s=0.0, work_s=120.0, returned=2e3, spread=0.5)
 
 
-def cluster_study(out: str | Path, force: bool = False, progress: hg.Progress = hg.silent) -> dict[str, Any]:
+def cluster_study(
+    out: str | Path, demo: Path | None = None, force: bool = False, progress: hg.Progress = hg.silent
+) -> dict[str, Any]:
     """The whole study, written to the folder `out`; gives the record of results.json."""
     with hg.whole_folder(out, force) as home:
         scratch = home / "scratch"
         scratch.mkdir()
-        here = measured(scratch, hg.part_of(progress, 0.0, 0.8))
-        record = {"hagoromo": hg.__version__, "here": here, "simulated": simulated(here)}
+        here = measured(scratch, hg.part_of(progress, 0.0, 0.4))
+        orders = hg.read_json(ORDERS_ROWS)
+        if demo is not None:
+            figure = figure_rows(demo, scratch, hg.part_of(progress, 0.5, 0.5))
+            orders = {"full": full_rows(scratch), "figure": figure}
+        by = orders["figure"] or figure_of_modes(BOXES_BYTES, PREPARE_S)
+        paper = on_paper(by, here["task"]["cpu_s"]) | {"by": by}
+        record = {"hagoromo": hg.__version__, "here": here, **orders, "paper": paper, "simulated": simulated(here)}
+        hg.write_json(home / ORDERS_ROWS.name, orders)
         for path in sorted(scratch.rglob("*"), reverse=True):
             path.rmdir() if path.is_dir() else path.unlink()
         scratch.rmdir()
@@ -74,15 +87,16 @@ def row(kind: str, work: Work, machines: Machines, alone_s: float) -> dict[str, 
     return {"kind": kind, "workers": machines.workers, **asdict(result), "speed": speed, "bound": bound}
 
 
-def main(out: Path, force: bool = False) -> None:
+def main(out: Path, demo: Path | None = None, force: bool = False) -> None:
     """Measure workers on this machine and simulate many.
 
     Args:
-        out: where to write results.json, cluster.md and cluster.png.
+        out: where to write results.json, cluster.md, cluster.png and cluster_orders.json.
+        demo: folder of a demo, whose materials figure 8 has; without it modes full and path are not measured anew.
         force: replace an existing result.
     """
     with hg.progress_bar("cluster") as progress:
-        cluster_study(out, force, progress)
+        cluster_study(out, demo, force, progress)
     print(f"wrote {out / 'cluster.md'}")
 
 

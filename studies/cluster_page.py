@@ -21,7 +21,9 @@ def write_cluster_page(home: Path, record: dict[str, Any]) -> None:
     """Write cluster.md and cluster.png to the folder `home`."""
     _plot(home / "cluster.png", record["simulated"]["rows"])
     rows = [row for row in record["simulated"]["rows"] if row["workers"] in SHOWN]
-    page = hg.page_text("cluster.md.j2", "studies", record=record, kinds=KINDS, rows=rows, hours=hours)
+    by_full = [[row for row in record["full"]["rows"] if row["shared"] == shared] for shared in (False, True)]
+    full = list(zip(*by_full, strict=True))
+    page = hg.page_text("cluster.md.j2", "studies", record=record, kinds=KINDS, rows=rows, full=full, hours=hours)
     (home / "cluster.md").write_text(page, encoding="utf-8", newline="\n")
 
 

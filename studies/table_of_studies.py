@@ -176,8 +176,9 @@ STUDIES: dict[str, Study] = {
     "cluster": Study(
         "workers on this machine, one of them killed, and a simulation of many: docs/cluster.md",
         "minutes",
-        (_module("cluster", "--out", "out/cluster", "--force"),),
-        _page("cluster", "cluster.png"),
+        (_module("cluster", "--out", "out/cluster", "--demo", "out/demo", "--force"),),
+        (*_page("cluster", "cluster.png"), ("out/cluster/cluster_orders.json", "studies")),
+        needs_demo=True,
     ),
     "merl": Study(
         "80 measured materials, fitted with our model and with GGX and Lambert: docs/merl.md; goes on where it stopped",

@@ -7,8 +7,9 @@ its fields name in turn; they are made by their constructors. What is read has t
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from enum import Enum
 from pathlib import Path
 from typing import Any, TypeVar, get_args, get_type_hints
@@ -45,6 +46,43 @@ def read_tree(path: Path, root: type[T]) -> T:
     if not isinstance(value, root):
         raise InputError(f"{path} holds no {root.__name__}")
     return value
+
+
+def digest_of_tree(value: Any) -> str:
+    """Digest of a value that `write_tree` takes, or of a list of such: equal where all its parts have the same bits."""
+    state = hashlib.sha256()
+    for part in _parts(value):
+        state.update(part)
+    return state.hexdigest()
+
+
+def _parts(value: Any) -> Iterator[bytes | memoryview]:
+    """Bytes of a value, from which it could be made again."""
+    if isinstance(value, (np.ndarray, np.generic)):
+        array = np.ascontiguousarray(value)
+        if array.dtype.hasobject:
+            raise TypeError("an array of objects is no part of a tree of arrays")
+        yield f"array {array.dtype.str} {np.shape(value)} ".encode()
+        yield array.reshape(-1).view(np.uint8).data
+    elif isinstance(value, Enum):
+        yield f"enum {_name(type(value))} {value.name} ".encode()
+    elif _is_record(type(value)):
+        yield f"record {_name(type(value))} ".encode()
+        yield from _parts({name: getattr(value, name) for name in _fields(type(value))})
+    elif isinstance(value, (tuple, list)):
+        yield f"{len(value)} of ".encode()
+        for one in value:
+            yield from _parts(one)
+    elif isinstance(value, dict) and all(isinstance(key, str) for key in value):
+        yield f"table {len(value)} of ".encode()
+        for key in sorted(value):
+            yield from _parts(key)
+            yield from _parts(value[key])
+    elif value is None or isinstance(value, (bool, int, float, str, Path)):
+        text = f"{type(value).__name__} {value!r}".encode()
+        yield f"{len(text)} ".encode() + text
+    else:
+        raise TypeError(f"{type(value)} is no part of a tree of arrays")
 
 
 class _Arrays:

@@ -15,7 +15,7 @@ import shutil
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.metadata import version
@@ -25,7 +25,7 @@ from typing import Any, TypeVar
 from hagoromo import backend
 from hagoromo.errors import InputError
 from hagoromo.files.content import content
-from hagoromo.files.leftovers import MARK, alone, tidy
+from hagoromo.files.leftovers import MARK, alone, beside, tidy
 from hagoromo.files.record import read_json, write_json
 from hagoromo.files.whole import whole_folder
 from hagoromo.version import __version__
@@ -37,6 +37,7 @@ SHARE_OF_DISK = 0.25  # of what is free on the disk, and of the cache itself, th
 DATA, NOTE = "data", "content.json"
 NAME = re.compile(r"[0-9a-f]{64}")
 LONGEST_NOTE = 4096  # bytes
+WAIT_S, POLL_S = 5.0, 0.05  # for another process, then whether there are locks is asked again
 PACKAGES = ("drjit", "mitsuba", "numpy", "scipy")  # whose versions may change the bits of a result
 SOURCES = ("hagoromo", "hagoromo_formats", "hagoromo_matter", "hagoromo_page")
 
@@ -57,11 +58,13 @@ class Cache:
         read: Callable[[Path], Value],
         make: Callable[[], Value],
         write: Callable[[Value, Path], object],
+        once: bool = False,
     ) -> Value:
         """What `read` finds in an entry; where there is none, what `make` gives, which `write` writes for next time.
 
         depends_on: plain data that say all that the value depends on, beside the program itself. read, write: from and
-        into a folder.
+        into a folder. once: whether one process makes it while others that ask for it wait, and read what it wrote; the
+        next of them makes it where that process ends without.
         """
         if self.why_not:
             return make()
@@ -69,6 +72,12 @@ class Cache:
         found = self._read(entry, read)
         if found:
             return found[0]
+        with _one_at_a_time(entry) if once else nullcontext():
+            found = self._read(entry, read) if once else None
+            return found[0] if found else self._made(entry, make, write)
+
+    def _made(self, entry: Path, make: Callable[[], Value], write: Callable[[Value, Path], object]) -> Value:
+        """What `make` gives, written to an entry where that is possible."""
         value = make()
         with suppress(InputError, OSError):  # another process writes it, or the disk is full
             self._write(entry, value, write)
@@ -137,10 +146,16 @@ class Cache:
                 total -= size
 
     def _tidy(self) -> None:
-        """Remove what killed processes left half written."""
+        """Remove what killed processes left half written, and the locks of those that were making something."""
+        import filelock
+
         for left in self.folder.glob(".*.writing"):
             with suppress(InputError, OSError):  # it is being written now
                 tidy(left.with_name(left.name[1:].removesuffix(".writing")))
+
+        for left in self.folder.glob(".*.making"):
+            with suppress(filelock.Timeout, OSError), filelock.FileLock(left, timeout=0, thread_local=False):
+                left.unlink(missing_ok=True)
 
     def _room(self) -> float:
         """Bytes that the disk can spare for all of the cache."""
@@ -191,6 +206,32 @@ def program() -> str:
     known = [__version__, backend.name(), platform.machine(), platform.system()]
     state.update("\0".join([*known, *(version(package) for package in PACKAGES)]).encode())
     return state.hexdigest()
+
+
+@contextmanager
+def _one_at_a_time(entry: Path) -> Iterator[None]:
+    """Wait until no other process makes an entry; the system frees the lock of one that is killed.
+
+    On a file system without locks nobody waits.
+    """
+    import filelock
+
+    path = beside(entry, "making")
+    lock = filelock.FileLock(path, timeout=WAIT_S, thread_local=False)
+    held = False
+    with suppress(OSError, NotImplementedError):
+        while not held and not isinstance(lock, filelock.SoftFileLock):
+            with suppress(filelock.Timeout):
+                lock.acquire(poll_interval=POLL_S)
+                held = True
+    try:
+        yield
+    finally:
+        if held:
+            with suppress(OSError):
+                if os.name != "nt":
+                    path.unlink(missing_ok=True)  # while it is held: who waits for it notices that it is gone
+            lock.release()
 
 
 def _users_place() -> Path:

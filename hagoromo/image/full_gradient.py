@@ -104,7 +104,7 @@ def _of_batch(scene: Scene, settings: Settings, bands: Bands, by_light: NDArray[
     solver = Solver(prepared.medium, prepared.lighting, colours, ScatteringTables(reflectances_of(scene)), size)
     solution = solver.solved(settings.seed, None)
     flat, samples = by_light.reshape(-1, len(palette.lamps) * bands.count), settings.samples
-    back = LookUpBack(Field(solver, solution, colours), palette.parts, float(np.abs(flat).max()) / samples)
+    back = LookUpBack(Field.solved(solver, solution, colours), palette.parts, float(np.abs(flat).max()) / samples)
     prepared.lighting.field = back
     film = Film(prepared.camera, back.of_colours, 1, prepared.ahead)
     seen = _Seen(prepared, back, flat / samples)

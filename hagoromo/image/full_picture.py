@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hagoromo.errors import InputError
 from hagoromo.image.full_refine import mended
 from hagoromo.image.full_walks import WalkThrough, walks_here
 from hagoromo.image.higher_orders import albedos_of, check_matter, warn_of_few_bands
@@ -29,6 +30,7 @@ from hagoromo.image.scene import Scene
 from hagoromo.image.scene_palette import palette_of_scene, reflectances_of
 from hagoromo.image.seen_lights import with_seen_lights
 from hagoromo.image.settings import Settings, metadata
+from hagoromo.image.solved_light import SolvedLight, StoredLight, content_of_light, solved_once
 from hagoromo.image.surface import Same
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
@@ -41,7 +43,7 @@ from hagoromo.transport.field.joint import Joint, SurfaceLight
 from hagoromo.transport.field.links import LitSurfaces
 from hagoromo.transport.field.patches import Patches
 from hagoromo.transport.field.scattering import ScatteringTables
-from hagoromo.transport.field.solve import Solver
+from hagoromo.transport.field.solve import Solver, warn_if_unsettled
 from hagoromo.transport.film import Film
 from hagoromo.transport.palette import Palette, distinct, position_of
 from hagoromo.transport.path.bands import Bands, bands_of
@@ -183,10 +185,10 @@ def bands_of_scene(scene: Scene, lamps: Sequence[Spectrum]) -> Bands:
     return Bands(bands.wavelengths[:1], 0.0) if grey else bands
 
 
-def light_of(
-    scene: Scene, prepared: PreparedScene, settings: Settings, bands: Bands, cache: SceneCache
-) -> tuple[Field | None, SurfaceLight | None]:
-    """The light of higher orders in a prepared scene, and on its surfaces, solved unless `cache` holds it."""
+def light_of(scene: Scene, prepared: PreparedScene, settings: Settings, bands: Bands, cache: SceneCache) -> SolvedLight:
+    """The light of higher orders in a prepared scene, and on its surfaces, solved unless `cache` holds it, or another
+    process that shares its folder has solved it.
+    """
     lamps = json.dumps([record_from_lamp(lamp) for lamp in scene.lamps], default=float)
     materials = tuple(material for box in scene.boxes for material in box.materials)
     surfaces = tuple((s.figure, s.reflectance, *s.textures, Same(s.uv)) for s in scene.surfaces)
@@ -201,28 +203,59 @@ def light_of(
         prepared.origin.tobytes(),
     )
 
-    def build() -> tuple[Field | None, SurfaceLight | None]:
-        colours = BandColours(bands, prepared.palette)
-        scattering = ScatteringTables(reflectances_of(scene), gamma_rows_of(scene))
-        solver = None
-        if prepared.medium is not None:
-            channels = len(prepared.palette.lamps) * bands.count
-            size = cell_size(prepared.medium.boxes, channels)
-            if settings.walks == 0:
-                warn_if_deep(size, prepared.medium.boxes)
-            solver = Solver(prepared.medium, prepared.lighting, colours, scattering, size)
-        if prepared.surfaces is None:
-            assert solver is not None
-            return Field(solver, solver.solved(settings.seed, settings.orders), colours), None
-        patches = Patches(patch_meshes(scene_from(scene, prepared.origin)))
-        lit = LitSurfaces(
-            prepared.surfaces, patches, prepared.lighting, colours, scattering,
-            prepared.first_on_surface, prepared.surface_colours, prepared.thickness,
-        )  # fmt: skip
-        solution, surface_light = Joint(solver, lit, settings.seed).solved(settings.orders)
-        return Field(solver, solution, colours) if solver and solution else None, surface_light
+    def build() -> SolvedLight:
+        unsolved = _Unsolved(scene, prepared, settings, bands)
+        if cache.shared is None or not cache.shared.used:
+            return unsolved.solved()
+        digest = content_of_light(scene, prepared, settings, bands)
+        return solved_once(cache.shared, digest, unsolved.solved, unsolved.again)
 
     return cache.get("field", (shadow_casters(scene, settings), figures), build)
+
+
+class _Unsolved:
+    """A prepared scene whose light of higher orders is solved, or made again of what another process solved."""
+
+    def __init__(self, scene: Scene, prepared: PreparedScene, settings: Settings, bands: Bands) -> None:
+        self.prepared, self.settings = prepared, settings
+        self.colours = BandColours(bands, prepared.palette)
+        self.scattering = ScatteringTables(reflectances_of(scene), gamma_rows_of(scene))
+        self.channels = len(prepared.palette.lamps) * bands.count
+        self.size, self.lit = 0.0, None
+        if prepared.medium is not None:
+            self.size = cell_size(prepared.medium.boxes, self.channels)
+            if settings.walks == 0:
+                warn_if_deep(self.size, prepared.medium.boxes)
+        if prepared.surfaces is not None:
+            patches = Patches(patch_meshes(scene_from(scene, prepared.origin)))
+            self.lit = LitSurfaces(
+                prepared.surfaces, patches, prepared.lighting, self.colours, self.scattering,
+                prepared.first_on_surface, prepared.surface_colours, prepared.thickness,
+            )  # fmt: skip
+
+    def solved(self) -> SolvedLight:
+        """Its light, solved here."""
+        prepared, settings, solver = self.prepared, self.settings, None
+        if prepared.medium is not None:
+            solver = Solver(prepared.medium, prepared.lighting, self.colours, self.scattering, self.size)
+        if self.lit is None:
+            assert solver is not None
+            solution = solver.solved(settings.seed, settings.orders)
+            return SolvedLight(Field.solved(solver, solution, self.colours), None)
+        solution, at_surfaces = Joint(solver, self.lit, settings.seed).solved(settings.orders)
+        return SolvedLight(Field.solved(solver, solution, self.colours) if solver and solution else None, at_surfaces)
+
+    def again(self, stored: StoredLight) -> SolvedLight:
+        """Its light, of what is stored; `InputError` where that is not of this scene."""
+        parts = (self.prepared.medium, stored.field), (self.lit, stored.at_surfaces)
+        if any((there is None) != (light is None) for there, light in parts):
+            raise InputError("stored light is not that of the boxes and surfaces of this scene")
+        for part in (stored.field, stored.at_surfaces):
+            if part is not None:
+                warn_if_unsettled(part.residual, part.sweeps)
+        field = Field.of(stored.field, self.scattering, self.colours, self.channels) if stored.field else None
+        at_surfaces = SurfaceLight(self.lit, stored.at_surfaces) if self.lit and stored.at_surfaces else None
+        return SolvedLight(field, at_surfaces)
 
 
 def warn_if_deep(size: float, boxes: Sequence[VolumeBox]) -> None:

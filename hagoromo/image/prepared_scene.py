@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 import drjit as dr
 
 from hagoromo.backend import Array3f, Float, arrays, evaluate
+from hagoromo.files.cache import Cache
 from hagoromo.image.cut import CutRays
 from hagoromo.image.gloss_texture import gloss_rows
 from hagoromo.image.origin import Origin, depth_of_matter, origin_of, scene_from, scene_origin
@@ -47,9 +48,13 @@ Value = TypeVar("Value")
 
 
 class SceneCache:
-    """One value per name with the key that it was built from. The old value is released before the new one is built."""
+    """One value per name with the key that it was built from. The old value is released before the new one is built.
 
-    def __init__(self) -> None:
+    shared: where light of higher orders is kept for other processes, see `solved_light`; None: nowhere.
+    """
+
+    def __init__(self, shared: Cache | None = None) -> None:
+        self.shared = shared
         self._entries: dict[str, tuple[tuple[Any, ...], Any]] = {}
 
     def key(self, name: str) -> tuple[Any, ...]:

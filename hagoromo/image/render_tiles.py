@@ -1,7 +1,8 @@
 """Tiles of a picture on many workers: each traces runs of rays of a scene file, the pixels are put together here.
 
 A ray's bits follow from the scene and its number alone, so that the picture is the one of a single machine. So do
-those of a walk of mode path, see `walk_tiles`; in mode full every worker solves the light of higher orders for itself.
+those of a walk of mode path, see `walk_tiles`. In mode full the first worker that needs the light of higher orders
+solves it, and the others read it, see `solved_light`.
 """
 
 from __future__ import annotations

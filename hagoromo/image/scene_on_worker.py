@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from hagoromo.errors import InputError
+from hagoromo.files.cache import cache
 from hagoromo.files.content import content_with_named
 from hagoromo.image.lit_by_points import lit_by_points
 from hagoromo.image.modes import Mode
@@ -67,7 +68,7 @@ class HeldScene:
                 f"{order.path}, or a file that it names, is another one on a worker: put them where all find the same"
             )
         self.scene = order.scene()
-        self.order, self.cache = order, SceneCache()
+        self.order, self.cache = order, SceneCache(cache())
         self._made: tuple[Any, Any] | None = None
 
     @cached_property

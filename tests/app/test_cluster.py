@@ -3,6 +3,7 @@
 import dataclasses
 import os
 import signal
+from pathlib import Path
 
 import psutil
 import pytest
@@ -147,6 +148,59 @@ def test_pictures_of_every_mode_and_layers_have_the_bits_of_one_machine(dense, c
     assert tiled.layers and whole.layers and list(tiled.layers) == list(whole.layers)
     assert all((tiled.layers[name] == layer).all() for name, layer in whole.layers.items())
     assert (tiled.variance is None) == (mode != "path") and (tiled.xyz() == whole.xyz()).all()
+
+
+SOLVES = """
+import os, signal
+from pathlib import Path
+import hagoromo.image.full_picture as full
+plain = full._Unsolved.solved
+def solved(self):
+    marks = Path({marks!r})
+    (marks / str(os.getpid())).touch()
+    if {killed} and len(list(marks.iterdir())) == 1:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return plain(self)
+full._Unsolved.solved = solved
+os.environ["HAGOROMO_CACHE"] = {kept!r}
+"""
+AS_BEFORE = """
+import os
+import hagoromo.image.full_picture as full
+full._Unsolved.solved = getattr(full._Unsolved.solved, "__globals__", {}).get("plain", full._Unsolved.solved)
+os.environ["HAGOROMO_CACHE"] = "off"
+"""
+
+
+@pytest.fixture
+def solves(cluster, tmp_path):
+    """Workers keep what they solve in a new folder, and leave a mark each; the first of them is killed, if asked."""
+
+    def watched(killed: bool) -> Path:
+        marks = tmp_path / "marks"
+        marks.mkdir()
+        code = SOLVES.format(marks=str(marks), killed=killed, kept=str(tmp_path / "kept"))
+        cluster.client.run(exec, code, {})
+        return marks
+
+    yield watched
+    cluster.client.run(exec, AS_BEFORE, {})
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("killed", [False, True])
+def test_light_is_solved_by_one_worker_and_taken_over_from_a_killed_one(dense, cluster, monkeypatch, solves, killed):
+    """A second picture, from elsewhere, solves nothing."""
+    monkeypatch.setattr(render_tiles, "FEWEST_RAYS", 200)
+    marks = solves(killed)
+    settings = dataclasses.replace(hg.load_scene(dense)[1], tolerance=0.1, walks=0)
+    tiled = render_tiles.render_tiles(dense, settings, cluster, mode="full")
+    assert len(list(marks.iterdir())) == 1 + killed
+    assert bits(tiled) == bits(hg.render(dense, settings, mode="full")) and tiled.weights.max() > 0
+    dense.write_text(dense.read_text().replace("eye = [0.0", "eye = [0.1", 1))
+    turned = render_tiles.render_tiles(dense, settings, cluster, mode="full")
+    assert bits(turned) == bits(hg.render(dense, settings, mode="full")) != bits(tiled)
+    assert len(list(marks.iterdir())) == 1 + killed
 
 
 def test_an_interrupted_picture_of_walks_goes_on_from_here_and_there(dense, cluster, monkeypatch):

@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 
 from studies.cluster import CAPTURES, simulated
+from studies.cluster_orders import on_paper, steps
 from studies.cluster_page import hours, write_cluster_page
 from studies.cluster_simulation import Machines, Work, simulate
 
@@ -17,6 +18,19 @@ ROW = {
 HERE = {
     "rows": [ROW, ROW | {"workers": 2, "killed": True}], "pixels": 1280 * 960, "samples": 4, "cores": 2, "load": 1.0,
     "task": {"count": 2000, "wall_s": 2e-3, "cpu_s": 1e-3},
+}  # fmt: skip
+
+
+FULL_ROW = {"workers": 1, "shared": False, "cpu_s": 9.0, "same_bits": True, "kept_bytes": 0}
+FULL = {
+    "rows": [FULL_ROW, FULL_ROW | {"shared": True, "cpu_s": 5.0, "kept_bytes": 2_000_000}],
+    "cells": 1000, "size": [320, 240], "samples": 1, "load": 1.0,
+}  # fmt: skip
+PATH_ROW = {"workers": 1, "killed": False, "tasks": 8, "same_bits": True, "prepare_cpu_s": 2.0, "cpu_s": 7.2}
+FIGURE = {
+    "rows": [PATH_ROW, PATH_ROW | {"workers": 2, "killed": True}], "size": [150, 100], "pixels": 15000, "walks": 48,
+    "noise": 0.5, "error": 0.02, "walks_for_error": 24000.0, "whole_pixels": 3_000_000, "whole_size": [1500, 2000],
+    "boxes_bytes": 1_000_000, "load": 1.0, "cores": 2,
 }  # fmt: skip
 
 
@@ -57,10 +71,34 @@ def test_ten_thousand_captures_are_bounded_by_the_store_in_the_end():
 
 
 def test_the_page_has_the_figures_of_its_record(tmp_path):
-    write_cluster_page(tmp_path, {"hagoromo": "0", "here": HERE, "simulated": simulated(HERE)})
+    record = {
+        "hagoromo": "0",
+        "here": HERE,
+        "full": FULL,
+        "figure": FIGURE,
+        "paper": on_paper(FIGURE, 1e-3) | {"by": FIGURE},
+    }
+    write_cluster_page(tmp_path, record | {"simulated": simulated(HERE)})
     page = (tmp_path / "cluster.md").read_text(encoding="utf-8")
+    assert (
+        "| 1 | 9.0 | 5.0 | the same | 2.0 |" in page
+        and "| 2 | one, at the first task | the same | 8 |  | 2.0 |" in page
+    )
+    assert "these are 200 hours of CPU: 4.17 d on two cores" in page
     assert "| 2 | one, at the first tile | the same | 80 | 3.00 |" in page
     assert page.count("| 1000 |") == 4 and (tmp_path / "cluster.png").stat().st_size > 10_000
+
+
+def test_steps_of_walks_double_those_that_are_done():
+    assert list(steps(100.0)) == [16.0, 16.0, 32.0, 36.0] and list(steps(7.0)) == [7.0]
+
+
+def test_on_paper_time_is_work_over_cores_and_workers():
+    """200 hours of CPU; tasks take random times, and the last of a step keeps others waiting."""
+    paper = on_paper(FIGURE, 1e-3)
+    assert paper["walk_s"] == pytest.approx(1e-5) and paper["cpu_s"] == pytest.approx(7.2e5)
+    one, _, hundred = (row["seconds"] for row in paper["rows"])
+    assert 0.95 * 7.2e5 / 16 < one < 1.1 * 7.2e5 / 16 and 0.01 * one < hundred < 0.02 * one
 
 
 def test_times_are_told_in_their_unit():

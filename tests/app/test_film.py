@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from hagoromo.app.cli import main
 from hagoromo.errors import InputError
+from hagoromo.files.cache import cache
 from hagoromo.files.exr import write_exr
 from hagoromo.files.png import read_png
 from hagoromo.files.record import read_json, read_toml
@@ -248,6 +249,22 @@ def test_a_film_has_all_orders_of_light_and_solves_them_once_for_all_cameras(tur
     assert np.array_equal(read_png(made.frames / filming.frame_name(2)), alone.display(made.exposure))
     assert alone.palette.bands
     assert 150 < max(read_png(made.frames / filming.frame_name(k)).max() for k in range(3)) <= 255
+
+
+@pytest.mark.nightly
+def test_frames_read_the_light_that_another_process_solved_where_it_is_theirs(turning, tmp_path, monkeypatch):
+    """A process is one whose reel is empty. Light of lamps that turn is that of one frame, and is not kept."""
+    monkeypatch.setenv("HAGOROMO_CACHE", str(tmp_path / "cache"))
+    turning.write_text(SCENE + 'extinction = "projected"\n')
+    solved, settings, images = [], Settings(walks=0), []
+    solve = Solver.solved
+    monkeypatch.setattr(Solver, "solved", lambda *some, **more: solved.append(some) or solve(*some, **more))
+    for camera_turns, frame in ((True, 0), (True, 1), (False, 1), (False, 1)):
+        filming._held.clear()
+        order = filming._ordered(turning, settings, Turn(3, camera_turns, not camera_turns), None, "full")
+        images.append(frame_image(order, frame))
+    assert len(solved) == 3 and len(list(cache().entries())) == 1
+    assert images[2].weights.tobytes() == images[3].weights.tobytes() != images[0].weights.tobytes()
 
 
 def test_a_film_goes_on_where_it_was_interrupted(turning, tmp_path, monkeypatch):

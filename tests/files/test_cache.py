@@ -2,8 +2,14 @@
 
 import os
 import shutil
+import signal
+import subprocess
+import sys
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
+import filelock
 import numpy as np
 import pytest
 
@@ -41,13 +47,14 @@ class Made:
         self.times += 1
         return self.text
 
-    def kept(self, depends_on="this"):
+    def kept(self, depends_on="this", make=None, once=False):
         """The text, from the cache or made."""
         return cache().kept(
             depends_on,
             lambda folder: (folder / "text").read_text(),
-            self,
+            make or self,
             lambda text, folder: (folder / "text").write_text(text),
+            once,
         )
 
 
@@ -160,6 +167,55 @@ def test_work_of_a_killed_process_is_removed(place):
     (begin_work(beside(place / key_of("killed"), "writing")) / "half").write_text("half")
     made.kept("other")
     assert not [left for left in place.iterdir() if left.name.startswith(".")]
+
+
+def test_one_makes_what_several_ask_for_at_once_and_the_others_read_it(place):
+    """Three ask while the first one makes."""
+    made, begun, go_on = Made(), threading.Event(), threading.Event()
+
+    def make():
+        begun.set()
+        assert go_on.wait(60)
+        return made()
+
+    with ThreadPoolExecutor(3) as pool:
+        asked = [pool.submit(made.kept, make=make, once=True)]
+        assert begun.wait(60)
+        asked += [pool.submit(made.kept, make=make, once=True) for _ in range(2)]
+        go_on.set()
+        assert [one.result(60) for one in asked] == [made.text] * 3
+    assert made.times == 1 and [one.name for one in place.iterdir()] == [key_of("this")]
+
+
+MAKER = """
+import os, signal
+from hagoromo.files.cache import cache
+def make():
+    print("making", flush=True)
+    os.kill(os.getpid(), signal.SIGKILL)
+cache().kept("this", lambda folder: "", make, lambda value, folder: None, once=True)
+"""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no such signal")
+def test_where_the_maker_is_killed_the_next_one_makes(place):
+    """Its lock is left on the disk, and held by nobody."""
+    killed = subprocess.run([sys.executable, "-c", MAKER], capture_output=True, text=True)
+    assert killed.stdout == "making\n" and killed.returncode == -signal.SIGKILL
+    assert beside(place / key_of("this"), "making").is_file()
+    shutil.copy(beside(place / key_of("this"), "making"), beside(place / key_of("other"), "making"))
+    made = Made()
+    assert made.kept(once=True) == made.text and made.times == 1
+    assert [one.name for one in place.iterdir()] == [key_of("this")]
+
+
+def test_without_locks_of_the_system_nobody_waits(place, monkeypatch):
+    """There the lock is a file, which a killed process leaves for ever."""
+    monkeypatch.setattr(filelock, "FileLock", filelock.SoftFileLock)
+    place.mkdir()
+    beside(place / key_of("this"), "making").write_text("")
+    made = Made()
+    assert made.kept(once=True) == made.text
 
 
 def test_what_cannot_be_written_is_still_given(place):

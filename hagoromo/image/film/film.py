@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from hagoromo.cluster.cluster import here_or_on
 from hagoromo.errors import InputError
+from hagoromo.files.cache import cache
 from hagoromo.files.content import content_with_named
 from hagoromo.files.film_file import check_film_name, frames_of, write_film
 from hagoromo.files.png import png_bytes, read_png
@@ -253,7 +254,15 @@ def _frame(order: FilmOrder, number: int) -> tuple[Scene, Settings, SceneCache]:
     scene, stated = scene_from_tables(tables, reel.folder, order.path, reel.read)
     if order.turn is None:
         scene = replace(scene, moving=moving_at(reel.motion, number / order.rate, tables, scene))
+    if order.mode == "full":
+        as_first = _beside_camera(tables) == _beside_camera(frame_tables(order, 0))
+        reel.cache.shared = cache() if as_first else None  # what serves this frame alone is not worth the disk
     return scene, order.settings or stated, reel.cache
+
+
+def _beside_camera(tables: Tables) -> dict[str, Any]:
+    """The tables of lamps and matter. Where they are those of the first frame, light that is solved serves others."""
+    return {key: value for key, value in tables.items() if key != "camera"}
 
 
 class _Reel:

@@ -7,6 +7,7 @@ interpolated at every sample. A table over all cells of the grid says which is w
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import drjit as dr
 import numpy as np
@@ -24,6 +25,19 @@ MOST_PLACES = 1 << 27  # cells of the grid, stored or not
 MARGIN = 2  # cells around all matter
 BRICKS_AT_ONCE = 2048  # whose heights are read together
 Bounds = tuple[NDArray[np.float64], NDArray[np.float64]]
+
+
+@dataclass(frozen=True, eq=False)
+class StoredCells:
+    """What `Cells` are made of again. low, size: theirs. shape: cells along x, y, z. filled, known: bits, whether each
+    cell of the grid holds matter, and whether each stored one is in the table.
+    """
+
+    low: NDArray[np.float64]
+    size: float
+    shape: tuple[int, ...]
+    filled: NDArray[np.uint8]
+    known: NDArray[np.uint8]
 
 
 class Cells:
@@ -62,6 +76,25 @@ class Cells:
         self.edge = dr.opaque(jit.Float, size)
         self.centroids = centroids
         dr.eval(self.table)
+
+    @classmethod
+    def of(cls, stored: StoredCells) -> Cells:
+        """The cells that `stored` gave, their table bit by bit. `InputError` where sizes do not fit each other."""
+        shape = tuple(int(n) for n in stored.shape)[::-1]
+        places = float(np.prod(shape, dtype=float))
+        if len(shape) != 3 or not 0.0 < places <= MOST_PLACES or stored.low.shape != (3,) or not stored.size > 0.0:
+            raise InputError(f"cells of light: a grid of {shape} is none")
+        require(9.0 * places, "the grid of light")
+        cells = cls(stored.low, stored.size, _from_bits(stored.filled, int(places)).reshape(shape))
+        cells.without(lookup(arrays().Bool, ~_from_bits(stored.known, cells.count)))
+        return cells
+
+    def stored(self) -> StoredCells:
+        """What the cells are made of again, without centroids."""
+        filled = np.zeros(self.shape[::-1], bool)
+        filled[tuple(self.places[: self.filled].T[::-1])] = True
+        known = np.array(self.table).reshape(self.shape[::-1])[tuple(self.places.T[::-1])] >= 0
+        return StoredCells(self.low, self.size, tuple(self.shape), np.packbits(filled), np.packbits(known))
 
     @property
     def bytes(self) -> int:
@@ -121,6 +154,13 @@ class Cells:
                     each = [share[k] if on else 1.0 - share[k] for k, on in enumerate((x, y, z))]
                     weights.append(each[0] * each[1] * each[2])
         return cells, weights
+
+
+def _from_bits(bits: NDArray[np.uint8], count: int) -> NDArray[np.bool_]:
+    """`count` truth values; `InputError` for another number of bits."""
+    if bits.dtype != np.uint8 or bits.shape != (-(-count // 8),):
+        raise InputError(f"cells of light: bits of {bits.shape} bytes are not those of {count} cells")
+    return np.unpackbits(bits, count=count).astype(bool)
 
 
 def with_neighbours(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -3,38 +3,111 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import drjit as dr
+import numpy as np
+from numpy.typing import NDArray
 
-from hagoromo.backend import Array3f, Float, arrays
+from hagoromo.backend import Array3f, Float, arrays, column, lookup
+from hagoromo.errors import InputError
 from hagoromo.transport.field.band_colours import BandColours
+from hagoromo.transport.field.cells import Cells, StoredCells
+from hagoromo.transport.field.scattering import ScatteringTables
 from hagoromo.transport.field.second_order import NUMBERS
+from hagoromo.transport.field.sent_light import Numbers
 from hagoromo.transport.field.solve import FieldSolution, Solver
 from hagoromo.transport.sample import Element
 
 
+@dataclass(frozen=True, eq=False)
+class StoredField:
+    """What a `Field` is made of again: its cells, and its light as halves, as it stands in memory."""
+
+    cells: StoredCells
+    scale: tuple[float, ...]
+    values: NDArray[np.float16]
+    last: NDArray[np.float16]
+    residual: float
+    sweeps: int
+
+
+class HalvesOfLight:
+    """Nine numbers of every channel and stored cell as halves, all of a cell together.
+
+    values: packets of four of them. last: the last number of a cell beside the packets, where three quarters of one
+    were empty. scale: of each channel, by which halves are multiplied.
+    """
+
+    def __init__(self, values: Float, last: Float, scale: Sequence[float]) -> None:
+        self.values, self.last = values, last
+        self.scale = [dr.opaque(arrays().Float, number) for number in scale]
+        self.packets = packets_of(len(scale))
+        self.scales = tuple(scale)
+
+    @classmethod
+    def of(cls, incident: Numbers, count: int) -> HalvesOfLight:
+        """Of the light of `count` stored cells."""
+        jit, packets = arrays(), packets_of(len(incident))
+        scale = [max(float(dr.max(dr.abs(n))[0]) for n in numbers) or 1.0 for numbers in incident]
+        factors = [dr.opaque(jit.Float, number) for number in scale]
+        columns = [number for numbers in incident for number in numbers]
+        scaled = [jit.Float16(each * (1.0 / factors[k // NUMBERS])) for k, each in enumerate(columns)]
+        lane, values = dr.arange(jit.UInt, count), dr.zeros(jit.Float16, 4 * packets * count)
+        for k, each in enumerate(scaled[: 4 * packets]):
+            dr.scatter(values, each, lane * (4 * packets) + k)
+        last = scaled[-1] if len(columns) > 4 * packets else jit.Float16()
+        dr.eval(values, last)
+        return cls(values, last, scale)
+
+
+def packets_of(channels: int) -> int:
+    """Packets of four numbers of a cell; one number is kept beside them where three quarters of the last were empty."""
+    numbers = channels * NUMBERS
+    return numbers // 4 if numbers % 4 == 1 else -(-numbers // 4)
+
+
 class Field:
-    """Incident light of orders ≥ 1 in the stored cells, as halves: nine numbers of every channel of a cell together.
+    """Incident light of orders ≥ 1 in the stored cells, as halves.
 
     channels: the bands of every group of lamps. A plain object: loops do not take its values into their state.
     """
 
-    def __init__(self, solver: Solver, solution: FieldSolution, colours: BandColours) -> None:
-        jit, cells, incident = arrays(), solver.stored, solution.incident
-        self.residual, self.sweeps, scattering = solution.residual, solution.sweeps, solver.scattering
-        self.cells, self.colours, self.scattering, self.channels = cells, colours, scattering, len(incident)
-        columns = [number for numbers in incident for number in numbers]
-        alone = len(columns) % 4 == 1  # the last number is kept beside the packets, or three quarters of one were empty
-        self.packets = len(columns) // 4 if alone else -(-len(columns) // 4)
-        largest = [max(float(dr.max(dr.abs(number))[0]) for number in numbers) for numbers in incident]
-        self.scale = [dr.opaque(jit.Float, most or 1.0) for most in largest]
-        lane, values = dr.arange(jit.UInt, cells.count), dr.zeros(jit.Float16, 4 * self.packets * cells.count)
-        scaled = [jit.Float16(column * (1.0 / self.scale[k // NUMBERS])) for k, column in enumerate(columns)]
-        for k, column in enumerate(scaled[: 4 * self.packets]):
-            dr.scatter(values, column, lane * (4 * self.packets) + k)
-        self.values, self.last = values, scaled[-1] if alone else jit.Float16()
-        dr.eval(values, self.last)
+    def __init__(
+        self, cells: Cells, light: HalvesOfLight, scattering: ScatteringTables, colours: BandColours,
+        residual: float, sweeps: int,
+    ) -> None:  # fmt: skip
+        """residual, sweeps: of the solution, see `FieldSolution`."""
+        self.cells, self.colours, self.scattering, self.channels = cells, colours, scattering, len(light.scale)
+        self.light, self.residual, self.sweeps = light, residual, sweeps
+        self.values, self.last, self.scale, self.packets = light.values, light.last, light.scale, light.packets
+
+    @classmethod
+    def solved(cls, solver: Solver, solution: FieldSolution, colours: BandColours) -> Field:
+        """The field of a solution."""
+        light = HalvesOfLight.of(solution.incident, solver.stored.count)
+        return cls(solver.stored, light, solver.scattering, colours, solution.residual, solution.sweeps)
+
+    @classmethod
+    def of(cls, stored: StoredField, scattering: ScatteringTables, colours: BandColours, channels: int) -> Field:
+        """The field that `stored` gave, with its bits. `InputError` where its sizes are not those of `channels`."""
+        jit, cells = arrays(), Cells.of(stored.cells)
+        each = 4 * packets_of(channels)
+        sizes = [(stored.values, each), (stored.last, int(channels * NUMBERS > each))]
+        fit = all(a.dtype == np.float16 and a.shape == (count * cells.count,) for a, count in sizes)
+        if not fit or len(stored.scale) != channels or not np.isfinite(stored.scale).all():
+            raise InputError(
+                f"light of {len(stored.scale)} channels in {cells.count} cells has numbers that do not fit"
+            )
+        values, last = lookup(jit.Float16, stored.values), column(jit.Float16, stored.last)
+        light = HalvesOfLight(values, last, stored.scale)
+        return cls(cells, light, scattering, colours, stored.residual, stored.sweeps)
+
+    def stored(self) -> StoredField:
+        """What the field is made of again."""
+        values, last = np.array(self.values), np.array(self.last)
+        return StoredField(self.cells.stored(), self.light.scales, values, last, self.residual, self.sweeps)
 
     @property
     def bytes(self) -> int:

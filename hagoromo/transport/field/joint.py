@@ -6,10 +6,14 @@ of them send to all of them. Without boxes there are no cells.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import drjit as dr
 import numpy as np
+from numpy.typing import NDArray
 
 from hagoromo.backend import Array3f, Bool, Float, arrays
+from hagoromo.errors import InputError
 from hagoromo.transport.field.cells import Cells
 from hagoromo.transport.field.links import Links, LitSurfaces, SmoothMatter, dark, smooth_extinction
 from hagoromo.transport.field.patches import SIDES, CornerLight
@@ -23,11 +27,36 @@ CELL_LANES = 1 << 19  # rays of all cells to the surfaces, about
 FEWEST_WAYS, MOST_WAYS = 12, 64  # of one cell
 
 
-class SurfaceLight:
-    """Light of orders ≥ 1 that arrives at surfaces, and its look-up where a ray of the camera meets one."""
+@dataclass(frozen=True, eq=False)
+class StoredSurfaceLight:
+    """What a `SurfaceLight` is made of again."""
 
-    def __init__(self, lit: LitSurfaces, light: Numbers) -> None:
-        self.lit, self.channels, self.light = lit, lit.channels, CornerLight(lit.patches, light)
+    at_corners: NDArray[np.float32]
+    residual: float
+    sweeps: int
+
+
+class SurfaceLight:
+    """Light of orders ≥ 1 that arrives at surfaces, and its look-up where a ray of the camera meets one.
+
+    residual, sweeps: of the solution, see `FieldSolution`.
+    """
+
+    def __init__(self, lit: LitSurfaces, stored: StoredSurfaceLight) -> None:
+        """`InputError` where the light is not that of these surfaces."""
+        self.lit, self.channels, self.light = lit, lit.channels, CornerLight(lit.patches, stored.at_corners)
+        self.residual, self.sweeps = stored.residual, stored.sweeps
+        if self.light.channels != self.channels:
+            raise InputError(f"light at surfaces has {self.light.channels} channels, and the scene {self.channels}")
+
+    @classmethod
+    def solved(cls, lit: LitSurfaces, light: Numbers, residual: float = 0.0, sweeps: int = 0) -> SurfaceLight:
+        """Of the light at all sides of patches."""
+        return cls(lit, StoredSurfaceLight(lit.patches.at_corners(light), residual, sweeps))
+
+    def stored(self) -> StoredSurfaceLight:
+        """What it is made of again."""
+        return StoredSurfaceLight(self.light.at_corners(), self.residual, self.sweeps)
 
     @property
     def bytes(self) -> int:
@@ -70,7 +99,7 @@ class Joint:
         lit, residual, sweeps = self.lit, 0.0, 0
         if orders == 1:
             cells = nothing(lit.channels, self.solver.stored.count) if self.solver else None
-            return FieldSolution(cells, 0.0, 0) if cells else None, SurfaceLight(lit, dark(lit))
+            return FieldSolution(cells, 0.0, 0) if cells else None, SurfaceLight.solved(lit, dark(lit))
         light: Numbers | None = None
         if orders is None:
             light, residual, sweeps = self._accelerated()
@@ -80,7 +109,8 @@ class Joint:
                 light, sweeps = added(once, self._swept(light)), sweeps + 1
         warn_if_unsettled(residual, sweeps)
         incident, arriving = self._parts(light) if light else (None, None)
-        surface = SurfaceLight(lit, self._at_patches(self._patch_links(LAST_WAYS), incident, arriving))
+        at_patches = self._at_patches(self._patch_links(LAST_WAYS), incident, arriving)
+        surface = SurfaceLight.solved(lit, at_patches, residual, sweeps)
         if self.solver is None:
             return None, surface
         return self.solver.kept(incident or self._in_cells(), residual, sweeps + 1), surface

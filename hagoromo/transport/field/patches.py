@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
 
 from hagoromo.backend import Array3f, Bool, Float, UInt, arrays, lookup, mitsuba, traced_scene
+from hagoromo.errors import InputError
 from hagoromo.transport.field.second_order import NUMBERS
 from hagoromo.transport.field.sent_light import Numbers
 
@@ -123,9 +124,11 @@ class Patches:
 class CornerLight:
     """Light at the corners of all sides of patches, for look-ups. A plain object: loops do not take its values."""
 
-    def __init__(self, patches: Patches, light: Numbers) -> None:
-        jit, self.patches, self.channels = arrays(), patches, len(light)
-        values = patches.at_corners(light)
+    def __init__(self, patches: Patches, values: NDArray[np.float32]) -> None:
+        """`values`: see `Patches.at_corners`. `InputError` where they are not of all corners of these patches."""
+        jit, self.patches, self.channels = arrays(), patches, values.shape[-1] // NUMBERS
+        if values.dtype != np.float32 or values.shape != (SIDES * 3 * patches.count, self.channels * NUMBERS):
+            raise InputError(f"light of {values.shape} numbers is not that at the corners of {patches.count} patches")
         self.packets = -(-values.shape[1] // 4)
         self.values = lookup(jit.Float, np.pad(values, ((0, 0), (0, 4 * self.packets - values.shape[1]))))
         dr.eval(self.values)
@@ -134,6 +137,11 @@ class CornerLight:
     def bytes(self) -> int:
         """Memory of the light [byte]."""
         return 4 * dr.width(self.values)
+
+    def at_corners(self) -> NDArray[np.float32]:
+        """The values that it was made of."""
+        rows = np.array(self.values).reshape(-1, 4 * self.packets)
+        return np.ascontiguousarray(rows[:, : self.channels * NUMBERS])
 
     def at(self, patch: Patch) -> list[list[Float]]:
         """Nine numbers of every channel."""
