@@ -27,7 +27,19 @@ from hagoromo.recovery.choices import MatterChoice
 from hagoromo.recovery.export import conserving
 from studies.fuzzy_scenes import down, fur, fuzzy_simulated
 from studies.real_captures import REAL
-from studies.recover_scenes import Shots, Simulated, Truth, aligned, around, misstated, near_lamp, shots, simulated
+from studies.recover_scenes import (
+    Shots,
+    Simulated,
+    Truth,
+    aligned,
+    around,
+    misplaced,
+    misstated,
+    near_lamp,
+    shots,
+    simulated,
+    standing,
+)  # fmt: skip
 
 Array = NDArray[np.float64]
 SEED = 1
@@ -52,7 +64,7 @@ class Row:
     beta, gamma: error [%]. held: whether both are in their 95 % intervals. covered: share [%] of the true points, of
     which 95 % intervals of position, normal and body colour hold the truth; None where errors are not stated. cameras,
     strengths: what was found of them. strengths_off: standard deviation [%] of lamps' strengths over the true ones, as
-    stated and as found.
+    stated and as found. places_off: how far lamps stand from where they are [mm], root mean square, likewise.
     """
 
     case: str
@@ -69,6 +81,7 @@ class Row:
     cameras: str
     strengths: str
     strengths_off: tuple[float, float]
+    places_off: tuple[float, float]
 
 
 def flash(count: int) -> Shots:
@@ -93,6 +106,16 @@ def wrong_dome() -> Simulated:
     return misstated(dome(), 0.5, 0.03, SEED)
 
 
+def lamps_around() -> Simulated:
+    """12 views under 8 lamps that stand still around the object: those that shine on what a view shows."""
+    return taken(standing(12, 8))
+
+
+def lamps_elsewhere() -> Simulated:
+    """The same with each lamp stated 2 % of its distance elsewhere."""
+    return misplaced(lamps_around(), 0.02, SEED)
+
+
 CASES = {
     "near": Case("36 views, a near lamp each, 5 to 60° off the eye", lambda: taken(shots(36, 5, 60, SEED))),
     "near128": Case("the same, 128 nodes", lambda: taken(shots(36, 5, 60, SEED)), 128),
@@ -102,6 +125,9 @@ CASES = {
     "dome": Case("12 views × 16 lamps", dome),
     "wrong": Case("the same, poses half a pixel and strengths 3 % wrong", wrong_dome),
     "refined": Case("the same, cameras and lamps refined", wrong_dome, refine="cameras,lamps"),
+    "standing": Case("12 views, 8 near lamps that stand still", lamps_around),
+    "elsewhere": Case("the same, each lamp 2 % of its distance elsewhere", lamps_elsewhere),
+    "places": Case("the same, places refined", lamps_elsewhere, refine="places"),
 }
 
 
@@ -185,6 +211,7 @@ def measured(case: str, given: Case, aside: tuple[Simulated, Simulated], truth: 
         100.0 * (found.gamma / truth.gamma - 1.0), held, covered(found, shown, truth), seconds,
         str(record["cameras"]), str(record["strengths"]),
         (strengths_off(capture.photographs, photographed), strengths_off(found.photographs, photographed)),
+        (places_off(capture.photographs, photographed), places_off(found.photographs, photographed)),
     )  # fmt: skip
 
 
@@ -192,6 +219,12 @@ def strengths_off(photographs: Sequence[hg.Photograph], photographed: Simulated)
     """Standard deviation of the logarithms of lamps' strengths over the true ones [%]."""
     pairs = zip(photographs, photographed.strengths, strict=True)
     return 100.0 * float(np.std([np.log(np.mean(p.lamps[0].intensity) / true) for p, true in pairs]))
+
+
+def places_off(photographs: Sequence[hg.Photograph], photographed: Simulated) -> float:
+    """How far the photographs' first lamps stand from where they are [mm], root mean square."""
+    pairs = zip(photographs, photographed.places, strict=True)
+    return 1e3 * float(np.sqrt(np.mean([np.sum((p.lamps[0].place - true) ** 2) for p, true in pairs])))
 
 
 def psnr(found: hg.Recovered, aside: Simulated) -> float:

@@ -13,8 +13,8 @@ from hagoromo.recovery.evidence import Evidence
 from hagoromo.recovery.export import conserving
 from hagoromo.recovery.lamp_places import LampPlaces
 from hagoromo.recovery.recovered import score
-from studies.recover_scenes import Shots, Truth, aligned, around, misstated, shots, simulated
-from studies.recovery import strengths_off
+from studies.recover_scenes import Shots, Truth, aligned, around, misplaced, misstated, shots, simulated, standing
+from studies.recovery import places_off, strengths_off
 
 SETTINGS = hg.RecoverySettings(side=32, steps=80, rays=1 << 14, keep=0, errors=False)
 VOXEL = 0.0035  # m, about that of this lattice
@@ -328,36 +328,16 @@ def test_poses_and_strengths_that_are_wrong_are_refined(aside):
     assert found.record()["cameras"].startswith("each turned")
 
 
-def places_off(photographs, exact):
-    """How far near lamps stand from where they are [m], root mean square."""
-    pairs = zip(photographs, exact, strict=True)
-    return np.sqrt(np.mean([np.sum((a.lamps[0].position - b.lamps[0].position) ** 2) for a, b in pairs]))
-
-
-def seen_under(places):
-    """Twelve views, each under the lamps at `places` of it, one photograph each."""
-    views = around(12, turn=0.7)
-    return simulated(Truth(), Shots(views, [places(view) for view in views], 64), 1)
-
-
-def misplaced(photographs, shift):
-    """The same with the lamp of each photograph shifted."""
-    return [replace(p, lamps=(p.lamps[0].shifted(shift(p)),)) for p in photographs]
-
-
 @pytest.mark.nightly
 def test_lamps_that_stand_elsewhere_are_found(aside):
     """Eight lamps around the object, each 2 % of its distance wrong in each axis: the error falls by a third or more,
     and new views are predicted better.
     """
-    lamps, random = 0.5 * around(8, turn=0.2), np.random.default_rng(1)
-    photographs = seen_under(lambda view: lamps[lamps @ view > 0.05]).capture.photographs
-    shifts = {tuple(lamp): random.normal(0.0, 0.01, 3) for lamp in lamps}
-    wrong = misplaced(photographs, lambda p: shifts[tuple(p.lamps[0].position)])
-    settings = replace(SETTINGS, steps=120)
-    found = hg.recover(hg.Capture(tuple(wrong), "wrong"), replace(settings, refine="places"))
-    assert places_off(found.photographs, photographs) < 0.67 * places_off(wrong, photographs)
-    stated = hg.recover(hg.Capture(tuple(wrong), "wrong"), settings)
+    exact = simulated(Truth(), standing(12, 8, 64), 1)
+    wrong, settings = misplaced(exact, 0.02, 1).capture, replace(SETTINGS, steps=120)
+    found = hg.recover(wrong, replace(settings, refine="places"))
+    assert places_off(found.photographs, exact) < 0.67 * places_off(wrong.photographs, exact)
+    stated = hg.recover(wrong, settings)
     assert mean_psnr(found, aside[0]) > mean_psnr(stated, aside[0]) + 0.2
     assert found.record()["lamp_places"].startswith("each lamp shifted by")
     assert found.look.places is not None and len(found.look.places.names) == 8
@@ -372,9 +352,9 @@ def test_a_flash_that_moves_with_the_camera_has_one_shift():
         side = np.cross(view, [0.0, 0.0, 1.0])
         return (DISTANCE * view + 0.03 * side / np.linalg.norm(side))[None]
 
-    photographs = seen_under(beside).capture.photographs
-    off = np.array([0.012, -0.009, 0.0])  # right and up
-    wrong = misplaced(photographs, lambda p: p.camera.world_to_camera[:3, :3].T @ off)
+    views, off = around(12, turn=0.7), np.array([0.012, -0.009, 0.0])  # right and up
+    photographs = simulated(Truth(), Shots(views, [beside(view) for view in views], 64), 1).capture.photographs
+    wrong = [replace(p, lamps=(p.lamps[0].shifted(p.camera.world_to_camera[:3, :3].T @ off),)) for p in photographs]
     found = hg.recover(hg.Capture(tuple(wrong), "wrong"), replace(SETTINGS, steps=120, refine="places"))
     assert found.look.places is not None and found.look.places.riding == [True]
     assert np.linalg.norm((found.look.places.values[0] + off)[:2]) < 0.33 * np.linalg.norm(off)
