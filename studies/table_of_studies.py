@@ -71,6 +71,17 @@ STUDIES: dict[str, Study] = {
         "three quarters of an hour",
         (_module("recovery", "--data", DATA, "--out", "out/recovery"),),
     ),
+    "recover-workers": Study(
+        "recoveries by workers beside one in this process: bits, processor seconds, what is sent",
+        "ten minutes",
+        (
+            _module("recovery_workers", "--out", "out/recovery_workers.json"),
+            _module(
+                *("recovery_workers", "--side", "128", "--steps", "30", "--workers", "0", "2"),
+                *("--out", "out/recovery_workers_128.json"),
+            ),
+        ),
+    ),
     "tutorial-views": Study(
         "the tutorial of many views as it stands on its page, and its picture",
         "ten minutes",

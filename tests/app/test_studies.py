@@ -39,6 +39,8 @@ INSIDE = {  # modules of the package that a study takes apart, and why no public
     # exact shapes by signed distances, and light by the law itself, sphere-traced on the device
     "recover_scenes.py": {"backend", "matter", "reflectance.torrance_sparrow"},
     "recovery.py": {"backend", "recovery.choices", "recovery.export"},
+    # processor seconds of workers, and of the client beside them
+    "recovery_workers.py": {"cluster", "cluster.cluster"},
     # matter with fields of its own, and a box of fibres without its recipe's floor
     "fuzzy_scenes.py": {
         "backend",
