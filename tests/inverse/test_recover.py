@@ -378,3 +378,20 @@ def test_what_cannot_be_refined_is_one_line(taken):
     unlit = tuple(replace(p, lamps=()) for p in taken.capture.photographs)
     with pytest.raises(hg.InputError, match="no photograph has a lamp that could be refined"):
         hg.recover(hg.Capture(unlit, "unlit"), replace(SETTINGS, refine="turn,exposure"))
+
+
+def test_the_mean_factor_by_which_lamps_stand_farther_stays_as_stated(taken):
+    """Eight lamps that stand still: whatever pixels say, the mean of shifts outwards over distances is 0."""
+    capture = simulated(Truth(), standing(6, 8, 32), 1).capture
+    found = hg.recover(capture, replace(SETTINGS, side=16, steps=8, refine="places"))
+    assert found.look.places is not None
+    places = {tuple(p.lamps[0].place): p.lamps[0].place for p in capture.photographs}
+    shifted = {
+        tuple(p.lamps[0].place): q.lamps[0].place for p, q in zip(capture.photographs, found.photographs, strict=True)
+    }
+    middle = found.lattice.middle
+    outwards = [
+        (shifted[key] - place) @ (place - middle) / np.sum((place - middle) ** 2) for key, place in places.items()
+    ]
+    assert np.abs(outwards).max() > 1e-5
+    assert np.mean(outwards) == pytest.approx(0.0, abs=2e-4)  # of another lattice, whose middle is elsewhere
