@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import NamedTuple, get_args
@@ -25,6 +25,7 @@ from hagoromo.recovery.lattice import Lattice
 from hagoromo.recovery.levels import Levels, sides_of
 from hagoromo.recovery.look import FoundLook, Look
 from hagoromo.recovery.matter_shape import SHAPES, MatterShape
+from hagoromo.recovery.object_view import ObjectView
 from hagoromo.recovery.pixel_table import CHUNK
 from hagoromo.recovery.recovered import Recovered
 from hagoromo.recovery.silhouettes import views_of
@@ -34,6 +35,7 @@ LEAST_SIDE, LARGEST_SIDE = 16, 512  # nodes along the longest edge
 BYTES_PER_NODE: dict[Law, float] = {"surface": 90.0, "fuzzy": 200.0}  # of all arrays together
 LOOK_SHARE = 0.3  # of the work, that a first look is
 WHOLE, HALVES = "whole", ("first half", "second half")  # what there are checkpoints of
+LEAST_POSES = 6  # of a half of the photographs, if those from one pose are to be in one half
 WHOLE_SHARE = 0.55  # of the work, of what is not done for the errors
 
 
@@ -191,7 +193,9 @@ def _recovered(
             of_halves = run.part(WHOLE_SHARE, 1.0 - WHOLE_SHARE, "errors")
             halves = _halves(levels, settings, matter.law, of_halves)
             before = levels.before.surface() if len(levels.sides) > 1 else None
-            errors = errors_of(levels.shape.surface(), [half.surface() for half in halves], before)
+            errors = errors_of(
+                levels.shape.surface(), [half.surface() for half in halves], before, matter.law == "fuzzy"
+            )
             known = known and known.with_halves(*(half.gloss for half in halves))
     except KeyboardInterrupt:
         if levels.descent is None and levels.start is levels.before:
@@ -241,8 +245,8 @@ def _check_room(law: Law, side: int, lattice: Lattice) -> None:
 def _halves(whole: Levels, settings: RecoverySettings, law: Law, run: Run) -> list[MatterShape]:
     """What each half of the photographs gives, from which the errors of what all gave follow."""
     halves, work = [], run.work
-    for number, name in enumerate(HALVES):
-        views, keep = tuple(whole.views[number::2]), work.keeps(name)
+    for number, (name, views) in enumerate(zip(HALVES, halves_of(whole.views), strict=True)):
+        keep = work.keeps(name)
         look = FoundLook.of(whole.look).of_views(views)
         half = _levels(views, settings, law, look, settings.rays // 2, run.workers)
         own = run.part(0.5 * number, 0.5)
@@ -250,6 +254,17 @@ def _halves(whole: Levels, settings: RecoverySettings, law: Law, run: Run) -> li
         keep(half.end)
         halves.append(half.shape)
     return halves
+
+
+def halves_of(views: Sequence[ObjectView]) -> tuple[Views, Views]:
+    """Every second view, and the others. Photographs from one pose have errors in common, such as of their outline, and
+    are in one half, if each half has poses enough: otherwise every second photograph.
+    """
+    poses = list(dict.fromkeys(view.photograph.camera.world_to_camera.tobytes() for view in views))
+    by_pose = len(poses) >= 2 * LEAST_POSES
+    number = [poses.index(v.photograph.camera.world_to_camera.tobytes()) if by_pose else k for k, v in enumerate(views)]
+    first, second = (tuple(v for k, v in zip(number, views, strict=True) if k % 2 == half) for half in (0, 1))
+    return first, second
 
 
 def _changed(views: Views, look: Look) -> Views:

@@ -8,11 +8,14 @@ import pytest
 
 import hagoromo as hg
 from hagoromo.image.relight.stage import basis_camera
-from hagoromo.recovery.errors import NEAR
+from hagoromo.recovery.errors import NEAR, errors_of
 from hagoromo.recovery.evidence import Evidence
 from hagoromo.recovery.export import conserving
 from hagoromo.recovery.lamp_places import LampPlaces
+from hagoromo.recovery.recover import halves_of
 from hagoromo.recovery.recovered import score
+from hagoromo.recovery.silhouettes import views_of
+from hagoromo.recovery.surface_shape import SurfaceShape
 from studies.recover_scenes import Shots, Truth, aligned, around, misplaced, misstated, shots, simulated, standing
 from studies.recovery import places_off, strengths_off
 
@@ -395,3 +398,24 @@ def test_the_mean_factor_by_which_lamps_stand_farther_stays_as_stated(taken):
     ]
     assert np.abs(outwards).max() > 1e-5
     assert np.mean(outwards) == pytest.approx(0.0, abs=2e-4)  # of another lattice, whose middle is elsewhere
+
+
+def test_photographs_from_one_pose_are_in_one_half(taken):
+    """Of 12 poses with two lamps each; with fewer poses every second photograph is."""
+    views = views_of(simulated(Truth(flat=True), shots(12, 5, 60, 1, pixels=8, lamps=2), 1).capture.photographs)
+    poses = [{v.photograph.camera.world_to_camera.tobytes() for v in half} for half in halves_of(views)]
+    assert not poses[0] & poses[1] and [len(each) for each in poses] == [6, 6]
+    few = halves_of(views[:22])
+    assert {v.photograph.name for v in few[0]} == {v.photograph.name for v in views[:22:2]}
+
+
+def test_fuzzy_errors_hold_what_the_last_halving_changed(recovered):
+    """Of normals and body colours, too; those of a surface do not, and neither do errors without a coarser level."""
+    found = SurfaceShape(recovered.lattice, recovered.distance, recovered.colours, recovered.gloss)
+    before = replace(found, colours=found.colours + np.float32(0.03))
+    surface, fuzzy, single = (
+        errors_of(found, [found, found], *how) for how in ((before, False), (before, True), (None, True))
+    )
+    near = np.isfinite(fuzzy.colour)
+    assert np.allclose(fuzzy.colour[near], 0.03, atol=1e-5) and np.allclose(surface.colour[near], 0.0, atol=1e-6)
+    assert fuzzy.of_lattice and not single.of_lattice
