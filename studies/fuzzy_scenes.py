@@ -6,6 +6,8 @@ masks are white wherever fibres cover a little of a pixel.
 
 from __future__ import annotations
 
+import tomllib
+from pathlib import Path
 from typing import Any
 
 import drjit as dr
@@ -25,6 +27,7 @@ from hagoromo_matter.noise import value_noise
 from studies.recover_scenes import DISTANCE, Shots, Simulated, photograph_of
 
 Array = NDArray[np.float64]
+RECIPES = Path(__file__).parents[1] / "examples" / "recipes"
 COVERED = 0.02  # opacity of a pixel that the mask holds
 BALL = 26.0  # [mm] radius of the ball that fur grows on
 FUR = Growth(
@@ -71,12 +74,7 @@ def down(voxel: float = DOWN_VOXEL) -> hg.VolumeBox:
         density = density * density * (0.15 + 1.7 * tufts * tufts)
         aside = [value_noise(p * (1.0 / 0.008), 5 + k) - 0.5 for k in range(3)]
         axis = dr.normalize(p * dr.rcp(dr.fmax(r, 1e-4)) + 1.2 * jit.Array3f(*aside))
-        colours = [
-            0.45 + 0.25 * dr.sin(120.0 * p.x + 2.0) * dr.cos(90.0 * p.z),
-            0.4 + 0.2 * dr.sin(140.0 * p.y) * dr.cos(70.0 * p.x + 1.0),
-            0.38 + 0.22 * dr.cos(110.0 * p.z + 50.0 * p.x),
-        ]
-        return density, axis, jit.UInt(0), [*colours, jit.Float(0)]
+        return density, axis, jit.UInt(0), [*down_colours(p), jit.Float(0)]
 
     pose = np.eye(4)
     pose[:3, 3] = -half
@@ -86,8 +84,41 @@ def down(voxel: float = DOWN_VOXEL) -> hg.VolumeBox:
     )
 
 
-def fuzzy_simulated(box: hg.VolumeBox, taken: Shots, seed: int = 0, noise: bool = True) -> Simulated:
-    """Photographs of a box, one for each view and lamp."""
+def down_colours(p: Any) -> list[Any]:
+    """Body colours of the down at points [m]."""
+    return [
+        0.45 + 0.25 * dr.sin(120.0 * p.x + 2.0) * dr.cos(90.0 * p.z),
+        0.4 + 0.2 * dr.sin(140.0 * p.y) * dr.cos(70.0 * p.x + 1.0),
+        0.38 + 0.22 * dr.cos(110.0 * p.z + 50.0 * p.x),
+    ]
+
+
+def of_recipe(name: str, **keys: Any) -> hg.VolumeBox:
+    """The box of a recipe of this repository, with some keys of its own, its matter about the origin."""
+    recipe = tomllib.loads((RECIPES / f"{name}.toml").read_text(encoding="utf-8")) | keys
+    box = hg.build({key: value for key, value in recipe.items() if value is not None})
+    corners, pose = box.matter_corners(), box.pose.copy()
+    pose[:3, 3] -= 0.5 * (corners.min(axis=0) + corners.max(axis=0))
+    return box.with_pose(pose)
+
+
+def linen() -> hg.VolumeBox:
+    """A flat square of linen, 3 cm wide."""
+    return of_recipe("linen", voxel_mm=0.06)
+
+
+def feather() -> hg.VolumeBox:
+    """A primary feather, 9 cm long."""
+    return of_recipe("primary", voxel_mm=0.25)
+
+
+def skin() -> hg.VolumeBox:
+    """A ball of skin, of 6 mm."""
+    return of_recipe("skin", voxel_mm=0.1, size_mm=None, shape={"form": "sphere", "radius_mm": 6.0})
+
+
+def fuzzy_simulated(box: hg.VolumeBox, taken: Shots, seed: int = 0, noise: bool = True, size: float = 1.0) -> Simulated:
+    """Photographs of a box, one for each view and lamp. size: factor on all distances from the origin."""
     random, response, exact = np.random.default_rng(seed), basis_camera(), []
     photographs: list[hg.Photograph] = []
     for view, lamps in zip(taken.views, taken.lamps, strict=True):
@@ -95,8 +126,8 @@ def fuzzy_simulated(box: hg.VolumeBox, taken: Shots, seed: int = 0, noise: bool 
         camera = hg.Camera(
             taken.pixels, taken.pixels, (focal, focal), (taken.pixels / 2, taken.pixels / 2), name="simulated",
             response=response,
-        ).look_at(tuple(DISTANCE * view), (0.0, 0.0, 0.0))  # fmt: skip
-        for place in lamps:
+        ).look_at(tuple(size * DISTANCE * view), (0.0, 0.0, 0.0))  # fmt: skip
+        for place in size * lamps:
             lamp = hg.Lamp(position=place, intensity=np.pi * float(place @ place))
             image = hg.render(hg.Scene(camera, (lamp,), boxes=(box,)), hg.Settings(samples=4))
             light, share = np.asarray(image.expose(response), np.float64), np.asarray(image.alpha, np.float64)

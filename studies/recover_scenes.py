@@ -75,7 +75,7 @@ class Shots:
 class Simulated:
     """A capture, and the exact light of each photograph (h, w, 3), its normals (h, w, 3) and points, NaN beside it.
 
-    strengths: true ones of the photographs' first lamps. cameras: the true ones, where the capture has others.
+    strengths, places: true ones of the photographs' first lamps. cameras: the true ones, where the capture has others.
     """
 
     capture: hg.Capture
@@ -83,6 +83,7 @@ class Simulated:
     normals: list[Array] = field(default_factory=list)
     points: list[Array] = field(default_factory=list)
     strengths: list[float] = field(default_factory=list)
+    places: list[Array] = field(default_factory=list)
     cameras: list[hg.Camera] = field(default_factory=list)
 
 
@@ -111,6 +112,12 @@ def shots(count: int, low: float, high: float, seed: int, pixels: int = 160, lam
     return Shots(views, [np.stack([near_lamp(v, low, high, random) for _ in range(lamps)]) for v in views], pixels)
 
 
+def standing(count: int, lamps: int, pixels: int = 160, distance: float = 0.5) -> Shots:
+    """`count` views all around; of `lamps` lamps, which stand still, those light a view that stand before it."""
+    places, views = around(lamps, turn=0.2), around(count, turn=0.7)
+    return Shots(views, [distance * places[places @ view > 0.05] for view in views], pixels)
+
+
 def simulated(truth: Truth, taken: Shots, seed: int = 0, noise: bool = True) -> Simulated:
     """Photographs of an object, one for each view and lamp."""
     random, out = np.random.default_rng(seed), Simulated(hg.Capture((_nothing(),)))
@@ -126,11 +133,9 @@ def simulated(truth: Truth, taken: Shots, seed: int = 0, noise: bool = True) -> 
             for held, new in ((out.exact, light), (out.normals, normals), (out.points, points)):
                 held.append(new)
             photographs.append(photograph_of(light, share, camera, lamp, random if noise else None, len(photographs)))
-    capture, strengths = (
-        hg.Capture(tuple(photographs), "simulated"),
-        [float(np.mean(p.lamps[0].intensity)) for p in photographs],
-    )
-    return Simulated(capture, out.exact, out.normals, out.points, strengths)
+    capture, lamps = hg.Capture(tuple(photographs), "simulated"), [p.lamps[0] for p in photographs]
+    strengths, places = [float(np.mean(lamp.intensity)) for lamp in lamps], [lamp.place for lamp in lamps]
+    return Simulated(capture, out.exact, out.normals, out.points, strengths, places)
 
 
 def misstated(taken: Simulated, pixels: float, share: float, seed: int = 0) -> Simulated:
@@ -154,6 +159,18 @@ def misstated(taken: Simulated, pixels: float, share: float, seed: int = 0) -> S
         photographs.append(replace(photograph, camera=camera.with_pose(pose), lamps=tuple(wrong)))
     capture = replace(taken.capture, photographs=tuple(photographs))
     return replace(taken, capture=capture, cameras=[p.camera for p in taken.capture.photographs])
+
+
+def misplaced(taken: Simulated, share: float, seed: int = 0) -> Simulated:
+    """The same photographs with each lamp stated elsewhere, by `share` of its distance (rms of each axis)."""
+    random, shifts, photographs = np.random.default_rng(seed), {}, []
+    for photograph in taken.capture.photographs:
+        for lamp in photograph.lamps:
+            if tuple(lamp.place) not in shifts:
+                shifts[tuple(lamp.place)] = random.normal(0.0, share * float(np.linalg.norm(lamp.place)), 3)
+        lamps = tuple(lamp.shifted(shifts[tuple(lamp.place)]) for lamp in photograph.lamps)
+        photographs.append(replace(photograph, lamps=lamps))
+    return replace(taken, capture=replace(taken.capture, photographs=tuple(photographs)))
 
 
 def aligned(seen: Simulated, true: Sequence[hg.Camera], found: Sequence[hg.Camera]) -> Simulated:

@@ -68,8 +68,24 @@ STUDIES: dict[str, Study] = {
     ),
     "recover": Study(
         "objects recovered from simulated and real photographs of many views, against views and lamps kept aside",
-        "three quarters of an hour",
+        "an hour and a half",
         (_module("recovery", "--data", DATA, "--out", "out/recovery"),),
+    ),
+    "real-object": Study(
+        "a real object under a new lamp, as films and as a page",
+        "ten minutes",
+        (_module("real_object", "--data", DATA, "--out", "out/real_object"),),
+    ),
+    "recover-workers": Study(
+        "recoveries by workers beside one in this process: bits, processor seconds, what is sent",
+        "ten minutes",
+        (
+            _module("recovery_workers", "--out", "out/recovery_workers.json"),
+            _module(
+                *("recovery_workers", "--side", "128", "--steps", "30", "--workers", "0", "2"),
+                *("--out", "out/recovery_workers_128.json"),
+            ),
+        ),
     ),
     "tutorial-views": Study(
         "the tutorial of many views as it stands on its page, and its picture",

@@ -10,6 +10,7 @@ from tyro.conf import Positional
 
 import hagoromo as hg
 from hagoromo.app.progress_bar import progress_bar
+from hagoromo.app.shared_options import HERE, Scheduler
 from hagoromo.app.verb import Force, Out, Written, say, verb, verbs, wrote
 from hagoromo.errors import InputError
 from hagoromo.files.record import write_json
@@ -37,6 +38,7 @@ def recover(
     refine: str = AUTO,
     matter: MatterChoice = "surface",
     resume: bool = False,
+    scheduler: Scheduler = HERE,
     force: Force = False,
 ) -> None:
     """Photographs of many views and lamps → a volume box of the object; its mesh, figures and a report beside it.
@@ -65,6 +67,7 @@ def recover(
         matter: surface; fuzzy: fibres without a surface, such as fur and down, a free density with axes and colours of
             its own; auto tries both on a coarse lattice and takes the one that predicts better.
         resume: go on from BOX.checkpoint.npz, with the same capture and options. The result has the same bits.
+        scheduler: its workers take the pixels of each step; the result has the same bits.
     """
     if out.suffix != ".zarr":
         raise InputError(f"{out} is no name of a volume box: give one that ends in .zarr")
@@ -88,7 +91,7 @@ def recover(
     if not resume:
         checkpoint.unlink(missing_ok=True)
     with progress_bar("recover") as progress:
-        recovered = hg.recover(capture, settings, progress, checkpoint)
+        recovered = hg.recover(capture, settings, progress, checkpoint, scheduler.chosen)
     made, mesh, record = recovered.box(voxels), recovered.mesh(), recovered.record()
     with whole_files(beside, force) as (mesh_file, record_file, page):
         mesh.save(mesh_file)

@@ -20,6 +20,8 @@ from hagoromo.version import __version__
 
 MOST_WORKERS = 256  # processes on this machine
 AHEAD = 4  # tasks a worker that wait on the scheduler; more only when these are done
+LARGE_GRAPH = "distributed.admin.large-graph-warning-threshold"  # Dask's own, of 10 MB
+LARGEST_ARGUMENT = "64GB"  # a field of matter is one argument
 NO_DASK = "--scheduler needs Dask, which is not installed: install hagoromo[cluster]"
 
 
@@ -64,6 +66,12 @@ class Cluster:
     def run(self, work: Callable[..., Any], *arguments: Any) -> Any:
         """What `work` gives of `arguments`, on any worker."""
         return next(iter(self.results(work, [arguments])))[1]
+
+    def hold(self, argument: Any) -> Any:
+        """What may stand among the arguments of many tasks in its place: it is sent once, and workers fetch it from
+        one another. The scheduler keeps what it needs to send it again when the worker that has it dies.
+        """
+        return self.client.submit(on_worker, __version__, _itself, (argument,), pure=False)
 
     def results(self, work: Callable[..., Any], tasks: Tasks, keep_errors: bool = False) -> Iterator[tuple[int, Any]]:
         """Number and result of every task as it is done, in any order; a task is the arguments of a call of `work`.
@@ -118,6 +126,10 @@ class Cluster:
             raise InputError(f"a worker lacks {error.name}: install hagoromo {__version__} on all workers") from error
 
 
+def _itself(argument: Any) -> Any:
+    return argument
+
+
 def on_worker(version: str, work: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
     """Runs on a worker: `work` of `arguments`, if hagoromo is of `version` here."""
     check_version(version, __version__, "a worker")
@@ -141,12 +153,15 @@ def workers_of(scheduler: str | int) -> Iterator[Cluster]:
         import distributed
     except ImportError as error:
         raise InputError(NO_DASK) from error
-    if isinstance(scheduler, str) and "://" in scheduler:
-        with connected(distributed, scheduler) as client:
-            yield Cluster(client)
-    else:
-        with started(distributed, _count(str(scheduler))) as client:
-            yield Cluster(client)
+    from dask import config
+
+    with config.set({LARGE_GRAPH: LARGEST_ARGUMENT}):
+        if isinstance(scheduler, str) and "://" in scheduler:
+            with connected(distributed, scheduler) as client:
+                yield Cluster(client)
+        else:
+            with started(distributed, _count(str(scheduler))) as client:
+                yield Cluster(client)
 
 
 def _count(text: str) -> int:

@@ -5,7 +5,7 @@ All three are trilinear between nodes, as in a volume box, so that a box on the 
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 import numpy as np
@@ -14,7 +14,10 @@ from numpy.typing import NDArray
 from hagoromo.backend import Array3f, Float, arrays, lookup
 from hagoromo.recovery.fuzzy_march import FuzzyMarch
 from hagoromo.recovery.fuzzy_moves import FuzzyMoves
-from hagoromo.recovery.matter_field import AXES, MatterField, add_to, gradient_of, no_sums
+from hagoromo.recovery.matter_field import AXES, COLOURS, MatterField, add_to, gradient_of, no_sums
+
+if TYPE_CHECKING:
+    from hagoromo.recovery.pixel_table import Drawn
 
 
 class DensityField(MatterField):
@@ -25,6 +28,7 @@ class DensityField(MatterField):
     """
 
     element, shown_around = "cylinder", 2
+    moving = {"density": 1, "axes": AXES, "colours": COLOURS}
 
     def __init__(
         self,
@@ -69,6 +73,15 @@ class DensityField(MatterField):
     def tangents(self) -> NDArray[np.float32]:
         """Axes (nz, ny, nx, 3)."""
         return np.array(self.axes).reshape(*self.shape, AXES)
+
+    def plain(self) -> tuple[NDArray[np.float32], ...]:
+        """Extinctions, axes, body colours and reach."""
+        reach = np.array(self.reach).reshape(self.shape)
+        return self.densities(), self.tangents(), self.body_colours(), reach
+
+    def outline_weight(self, drawn: Drawn) -> Float:
+        """That of the pixel beside the silhouette; in it, the light says how opaque fibres before the dark are."""
+        return dr.select(drawn.share > 0.0, 0.0, drawn.share_weight)
 
     def value_at(self, place: Array3f) -> Float:
         """Extinction [1/voxel]."""

@@ -9,11 +9,13 @@ import drjit as dr
 import numpy as np
 from numpy.typing import NDArray
 
+from hagoromo.cluster.cluster import Cluster, Workers
 from hagoromo.progress import Progress, silent
-from hagoromo.recovery.gloss_step import gloss_step, robust
+from hagoromo.recovery.gloss_step import gloss_step
 from hagoromo.recovery.lamp_table import LampTable
-from hagoromo.recovery.matter_field import COLOURS, MatterField
+from hagoromo.recovery.matter_field import MatterField
 from hagoromo.recovery.pixel_table import CHUNK, Drawn, PixelTable
+from hagoromo.recovery.pixel_tasks import PixelsHere, PixelsOnWorkers
 from hagoromo.recovery.rendering import Rendering, SeenLight
 from hagoromo.recovery.shading import NodeShading
 
@@ -22,7 +24,6 @@ if TYPE_CHECKING:
 
 CHOOSE_EVERY, LAST_CHOICE = 30, 0.8  # steps after which moving nodes are chosen anew; share of the steps until then
 LAST_RATE = 0.1  # factor on the rates of the last step
-SILHOUETTE = 100.0  # of a pixel's opacity, in units of its squared error
 GLOSS_EVERY, LIGHT_EVERY, STRENGTHS_EVERY = 8, 2, 4  # steps after which gloss, unknown light and strengths are fitted
 GLOSS_DRAW = 4  # times as many pixels as a step: several must show each place, as its colour is taken out of them
 CAMERAS_EVERY, TURN_SHARE = 5, 4  # steps after which cameras move; one turn of all by every how many drawn chunks
@@ -33,7 +34,7 @@ class Descent:
     """One level of the lattice: its field and gloss move by the pixels of all views.
 
     gloss: what `coordinates` gives. seed: of the pixels that are drawn. look: what is estimated beside the object; it
-    is fitted, too.
+    is fitted, too. workers: whose work the pixels of a step are; bits do not depend on them.
     """
 
     def __init__(
@@ -45,6 +46,7 @@ class Descent:
         seed: int,
         shadows: bool,
         look: Look,
+        workers: Workers | None = None,
     ) -> None:
         self.field, self.pixels, self.lamps, self.look = field, pixels, lamps, look
         self.rendering = Rendering(
@@ -54,6 +56,12 @@ class Descent:
             look.cameras.apply(pixels)
         if look.places is not None:
             look.places.apply(lamps)
+        on_workers = isinstance(workers, Cluster)
+        self.work = (
+            PixelsOnWorkers(self.rendering, pixels.limit, workers)
+            if on_workers
+            else PixelsHere(self.rendering, pixels.limit)
+        )
         self.random = np.random.default_rng(seed)
         self.moves = field.moves()
         self.choose()
@@ -71,6 +79,7 @@ class Descent:
     def choose(self) -> None:
         """Choose the nodes that move anew."""
         self.moves.choose()
+        self.work.choose(np.array(self.moves.nodes))
 
     def run(
         self,
@@ -99,22 +108,24 @@ class Descent:
             fall = LAST_RATE**share
             picked = self._pick(chunks, total)
             drawn = self.pixels.of(picked)
-            light = self.step(drawn, rate * fall, fall)
+            wanted = k % LIGHT_EVERY == 0 and (self.look.unknown is not None or self.look.strengths is not None)
+            light = self.step(drawn, rate * fall, fall, wanted)
             self._fit_look(k, fall, picked, drawn, light)
             if self.lamps.each and k % GLOSS_EVERY == GLOSS_EVERY - 1:
                 many = self.pixels.of(self._pick(GLOSS_DRAW * chunks, total))
                 copies = self.pixels.count / dr.width(many.photograph)
-                self.shading.set_gloss(gloss_step(self.rendering, many, copies))
+                self.shading.set_gloss(gloss_step(self.gloss, self.work.slopes(many), copies))
         progress(1.0)
 
-    def _fit_look(self, k: int, fall: float, picked: NDArray[np.int64], drawn: Drawn, light: SeenLight) -> None:
+    def _fit_look(self, k: int, fall: float, picked: NDArray[np.int64], drawn: Drawn, light: SeenLight | None) -> None:
         """Fit what is estimated beside the object, in step k, by the pixels of the step. fall: factor on changes of
         each camera and strength, so that the last ones are means over many draws.
         """
         unknown, cameras, strengths = self.look.unknown, self.look.cameras, self.look.strengths
-        if unknown is not None and k % LIGHT_EVERY == 0:
+        if unknown is not None and light is not None and k % LIGHT_EVERY == 0:
             unknown.fit(self.field, drawn, light, drawn.weights)
-        if strengths is not None and k % STRENGTHS_EVERY == 0:
+            self.work.choose(np.array(self.moves.nodes))  # body colours of all nodes have changed
+        if strengths is not None and light is not None and k % STRENGTHS_EVERY == 0:
             strengths.step(self.pixels, drawn, light, fall)
         if cameras is not None and k % CAMERAS_EVERY == CAMERAS_EVERY - 1:
             cameras.step(self.rendering, self.pixels, picked[:: 1 if cameras.each else TURN_SHARE], fall)
@@ -125,22 +136,11 @@ class Descent:
         """Some chunks of pixels, drawn with equal chances, in order."""
         return np.sort(self.random.integers(0, total, min(chunks, total)))
 
-    def step(self, drawn: Drawn, rate: float, fall: float) -> SeenLight:
-        """One step of the field by some pixels; returns their light before it.
+    def step(self, drawn: Drawn, rate: float, fall: float, with_light: bool = True) -> SeenLight | None:
+        """One step of the field by some pixels; gives their light before it, if wanted.
 
         rate: of the field's values. fall: factor on the rates of all else.
         """
-        light = self.rendering.light(drawn)
-        count, each = dr.width(drawn.photograph), max(self.lamps.each, 1)
-        rest = [a - b for a, b in zip(light.channels, drawn.values, strict=True)]
-        doubt = robust(drawn, rest, self.pixels.limit)
-        by = [(2.0 / 3.0 / count) * w * r * doubt for w, r in zip(drawn.weights, rest, strict=True)]
-        by_light = [light.passed[k] * by[c] for k in range(each) for c in range(COLOURS)]
-        clear = dr.exp(-light.seen.depth)
-        by_depth = (2.0 * SILHOUETTE / count) * self.moves.outline_weight(drawn) * ((1.0 - clear) - drawn.share) * clear
-        self.field.no_gradients()
-        dr.eval(by_light, by_depth)
-        with dr.suspend_grad():
-            self.rendering.march.adjoint(drawn.rays, light.seen, by_light, by_depth)
+        light = self.work.gradient(drawn, with_light)
         self.moves.move(rate, fall)
         return light

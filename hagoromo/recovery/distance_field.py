@@ -6,16 +6,19 @@ normals are smooth.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import drjit as dr
 import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.backend import Array3f, Float, UInt, arrays, clip, lookup
-from hagoromo.recovery.matter_field import MatterField, add_to, gradient_of, no_sums
+from hagoromo.recovery.matter_field import COLOURS, MatterField, add_to, gradient_of, no_sums
 from hagoromo.recovery.surface_march import SurfaceMarch
 from hagoromo.recovery.surface_moves import SurfaceMoves
+
+if TYPE_CHECKING:
+    from hagoromo.recovery.pixel_table import Drawn
 
 
 class Stencil(NamedTuple):
@@ -30,6 +33,7 @@ class DistanceField(MatterField):
     """distance: Float (nodes,) signed distance [voxel], negative inside. The axis is its slope, along the normal."""
 
     element, shown_around = "plane", 0
+    moving = {"distance": 1, "colours": COLOURS}
 
     def __init__(self, distance: NDArray[np.floating], colours: NDArray[np.floating]) -> None:
         """distance: (nz, ny, nx). colours: (nz, ny, nx, 3)."""
@@ -57,6 +61,14 @@ class DistanceField(MatterField):
     def distances(self) -> NDArray[np.float32]:
         """Signed distances (nz, ny, nx) [voxel]."""
         return np.array(self.distance).reshape(self.shape)
+
+    def plain(self) -> tuple[NDArray[np.float32], ...]:
+        """Distances and body colours."""
+        return self.distances(), self.body_colours()
+
+    def outline_weight(self, drawn: Drawn) -> Float:
+        """That of the pixel: a surface is opaque."""
+        return drawn.share_weight
 
     def stencil(self, place: Array3f) -> Stencil:
         """The nodes around a place; a place outside counts as the nearest one inside."""

@@ -5,7 +5,8 @@ is the standard error of what all photographs give together. It holds noise, and
 differ from photograph to photograph. Two objects say little of one place, so the square is a mean over the
 neighbourhood. Both objects share the error of the lattice. The edge of the surface is soft by a share of a voxel, so
 the position has an error in proportion to the voxel: it is as large as what the last halving of the voxel changed
-(Richardson 1911), and is added. What all photographs share, such as a wrong scale, is in neither.
+(Richardson 1911), and is added. Tufts and locks of fuzzy matter are finer than voxels, so its normals and body colours
+have such an error, too. What all photographs share, such as a wrong scale, is in neither.
 """
 
 from __future__ import annotations
@@ -43,30 +44,41 @@ class Errors:
     """Standard errors of the nodes near the surface, NaN elsewhere.
 
     position: (nz, ny, nx) along the normal [m]. normal: (nz, ny, nx) root of the mean square angle [rad]. colour:
-    (nz, ny, nx, 3) of body colours.
+    (nz, ny, nx, 3) of body colours. of_lattice: whether the error of the lattice is in them: not, where there
+    was one level of it.
     """
 
     position: NDArray[np.float32]
     normal: NDArray[np.float32]
     colour: NDArray[np.float32]
+    of_lattice: bool = True
 
 
-def errors_of(found: SurfaceShape, halves: Sequence[SurfaceShape], before: SurfaceShape | None) -> Errors:
-    """Errors of what was found. halves: what each half of the photographs gives. before: found one level earlier."""
+def errors_of(
+    found: SurfaceShape, halves: Sequence[SurfaceShape], before: SurfaceShape | None, fuzzy: bool = False
+) -> Errors:
+    """Errors of what was found. halves: what each half of the photographs gives. before: found one level earlier.
+
+    fuzzy: whether the surface stands for fuzzy matter.
+    """
     near = np.abs(found.distance) < NEAR
     places = found.lattice.to_world(_on_surface(found, np.argwhere(near)[:, ::-1].astype(float)))
     first, second = (_surface(each, places) for each in halves)
     position = 0.25 * (first.distance - second.distance) ** 2
-    if before is not None:
-        position += _surface(before, places).distance ** 2
     normal = 0.25 * _angles(first.normals, second.normals) ** 2
     colour = 0.25 * (first.colours - second.colours) ** 2
+    if before is not None:
+        own, coarse = _surface(found, places), _surface(before, places)
+        position += coarse.distance**2
+        if fuzzy:
+            normal += _angles(own.normals, coarse.normals) ** 2
+            colour += (own.colours - coarse.colours) ** 2
     around = KDTree(places).query_ball_point(places, NEIGHBOURHOOD * found.lattice.voxel)
     squares = np.concatenate([position[:, None], normal[:, None], colour], axis=1)
     error = np.sqrt([squares[each].mean(axis=0) for each in around])
     maps = np.full((*near.shape, error.shape[1]), np.nan, np.float32)
     maps[near] = error
-    return Errors(maps[..., 0], maps[..., 1], maps[..., 2 : 2 + COLOURS])
+    return Errors(maps[..., 0], maps[..., 1], maps[..., 2 : 2 + COLOURS], before is not None)
 
 
 def _on_surface(shape: SurfaceShape, places: Array) -> Array:

@@ -16,7 +16,7 @@ from scipy import ndimage
 
 from hagoromo.least_squares.loss import NORMAL_95
 from hagoromo.recovery.descent import Descent
-from hagoromo.recovery.gloss_step import N_SPREAD, Slopes, slopes_of, without_colours
+from hagoromo.recovery.gloss_step import N_SPREAD, Slopes, without_colours
 from hagoromo.recovery.pixel_table import CHUNK
 from hagoromo.recovery.shading import GLOSS, figures
 
@@ -69,7 +69,7 @@ def evidence_of(descent: Descent, coarser: NDArray[np.floating] | None = None) -
         chosen = np.sort(np.random.default_rng(0).choice(total, MOST_CHUNKS, replace=False))
     copies = total / len(chosen)
     parts = [
-        slopes_of(descent.rendering, descent.pixels.of(chosen[first : first + AT_ONCE]))
+        descent.work.slopes(descent.pixels.of(chosen[first : first + AT_ONCE]))
         for first in range(0, len(chosen), AT_ONCE)
     ]
     slopes = Slopes(*(np.concatenate(each) for each in zip(*parts, strict=True)))

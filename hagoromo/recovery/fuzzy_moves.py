@@ -12,13 +12,12 @@ import drjit as dr
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.backend import Float, arrays, clip
+from hagoromo.backend import arrays, clip
 from hagoromo.recovery.matter_field import AXES
 from hagoromo.recovery.matter_moves import Adam, MatterMoves
 
 if TYPE_CHECKING:
     from hagoromo.recovery.density_field import DensityField
-    from hagoromo.recovery.pixel_table import Drawn
 
 BESIDE = 1.0  # voxels from the reach within which nodes move
 LEAST, MOST = 2e-4, 8.0  # extinction [1/voxel]
@@ -66,7 +65,3 @@ class FuzzyMoves(MatterMoves):
         for k in range(AXES):
             dr.scatter(field.axes, axis[k], self.nodes * AXES + k, mode=dr.ReduceMode.NoConflicts)
         dr.eval(field.density, field.axes)
-
-    def outline_weight(self, drawn: Drawn) -> Float:
-        """That of the pixel beside the silhouette; in it, the light says how opaque fibres before the dark are."""
-        return dr.select(drawn.share > 0.0, 0.0, drawn.share_weight)

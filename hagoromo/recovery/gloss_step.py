@@ -100,13 +100,12 @@ def without_colours(slopes: Slopes) -> Eliminated:
     return Eliminated(free, left)
 
 
-def gloss_step(rendering: Rendering, drawn: Drawn, copies: float) -> Array:
-    """The gloss after a step by some pixels, of which there are `copies` times as many.
+def gloss_step(gloss: NDArray[np.floating], slopes: Slopes, copies: float) -> Array:
+    """The gloss after a step from one by the slopes of some pixels, of which there are `copies` times as many.
 
     What is known beforehand of n (that of most matter) decides where the photographs do not.
     """
-    gloss = np.array(rendering.shading.gloss, np.float64)
-    free, left = without_colours(slopes_of(rendering, drawn))
+    free, left = without_colours(slopes)
     prior, share = np.diag([0.0, 0.0, 1.0 / N_SPREAD**2]), copies / CORRELATED
     matrix = share * np.einsum("nck,ncl->kl", free, free)
     slope = share * np.einsum("nck,nc->k", free, left) + prior @ (np.log(N_USUAL - 1.0) - gloss)

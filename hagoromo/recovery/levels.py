@@ -8,6 +8,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from hagoromo.cluster.cluster import Workers
 from hagoromo.files.memory import require
 from hagoromo.progress import Progress, part_of
 from hagoromo.recovery.descent import Descent
@@ -40,7 +41,7 @@ class Levels:
     views: what it is recovered from. start: on the lattice of the first level. sides: nodes along the longest edge of
     all levels. rays: of each step up to RAYS_SIDE nodes; beyond, they grow with the square of the nodes, as a surface
     does. seed: of the pixels that are drawn. look: what is estimated beside the object; it is fitted, too. `before`:
-    the result of the level before.
+    the result of the level before. workers: whose work the pixels of a step are.
     """
 
     def __init__(
@@ -52,8 +53,10 @@ class Levels:
         seed: int,
         shadows: bool,
         look: Look,
+        workers: Workers | None = None,
     ) -> None:
         self.views, self.sides, self.rays, self.seed, self.shadows = views, sides, rays, seed, shadows
+        self.workers = workers
         self.start, self.before, self.begin, self.look = start, start, start, look
         self.descent: Descent | None = None
 
@@ -129,7 +132,8 @@ class Levels:
         ]
         pixels = PixelTable(reduced, lattice, LAST_MODEL_ERROR if last else MODEL_ERROR, float(np.median(bright)))
         field, seed = begin.field(), self.seed + max(lattice.shape)
-        return Descent(field, pixels, LampTable(photographs, lattice), begin.gloss, seed, self.shadows, self.look)
+        lamps = LampTable(photographs, lattice)
+        return Descent(field, pixels, lamps, begin.gloss, seed, self.shadows, self.look, self.workers)
 
 
 def sides_of(finest: int) -> list[int]:

@@ -6,7 +6,7 @@ Lengths are in voxels, places in lattice coordinates (whole at nodes, x first). 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import drjit as dr
@@ -19,8 +19,10 @@ from hagoromo.reflectance.element import Element
 if TYPE_CHECKING:
     from hagoromo.recovery.matter_march import MatterMarch
     from hagoromo.recovery.matter_moves import MatterMoves
+    from hagoromo.recovery.pixel_table import Drawn
 
 COLOURS, AXES = 3, 3  # body colours of a node, and numbers of its axis
+SUMS = "sums_by_"  # of a name, the name of its gradient
 UNITS = 2.0**48  # of a gradient's 1: sums reach 3e4, and an addend is rounded to 4e-15
 
 
@@ -42,6 +44,7 @@ class MatterField(ABC):
         self.last = [dr.opaque(jit.Float, float(n - 2)) for n in (nx, ny, nz)]
         self.no_gradients()
 
+    moving: Mapping[str, int]  # names of arrays that move, and how many numbers a node has of each
     element: Element  # that the axis is of
     shown_around: int  # nodes around the mean place of a ray that it shows, too
 
@@ -52,6 +55,14 @@ class MatterField(ABC):
     @abstractmethod
     def moves(self) -> MatterMoves:
         """How its numbers follow their gradients."""
+
+    @abstractmethod
+    def plain(self) -> tuple[NDArray[np.float32], ...]:
+        """What it is made of, as plain arrays."""
+
+    @abstractmethod
+    def outline_weight(self, drawn: Drawn) -> Float:
+        """Weight of the silhouette's share in each pixel, which the opacity should have."""
 
     @abstractmethod
     def value_at(self, place: Array3f) -> Float:
@@ -68,6 +79,36 @@ class MatterField(ABC):
     @abstractmethod
     def add_by_axis(self, place: Array3f, by: Array3f) -> None:
         """Add the gradient of by · axis_at(place)."""
+
+    def at(self, nodes: UInt) -> list[NDArray[np.float32]]:
+        """Numbers (n · each,) of some nodes, of each array that moves."""
+        jit = arrays()
+        return [
+            np.array(dr.gather(jit.Float, getattr(self, name), _numbers(nodes, each)))
+            for name, each in self.moving.items()
+        ]
+
+    def set_at(self, nodes: UInt, numbers: Sequence[NDArray[np.float32]]) -> None:
+        """Other numbers of some nodes, as `at` gives them."""
+        for (name, each), values in zip(self.moving.items(), numbers, strict=True):
+            target = getattr(self, name)
+            dr.scatter(target, lookup(arrays().Float, values), _numbers(nodes, each), mode=dr.ReduceMode.NoConflicts)
+            dr.eval(target)
+
+    def sums(self, nodes: UInt) -> list[NDArray[np.int64]]:
+        """Gradients (n · each,) by the numbers of some nodes, in units of 1 / UNITS."""
+        jit = arrays()
+        return [
+            np.array(dr.gather(jit.Int64, getattr(self, SUMS + name), _numbers(nodes, each)))
+            for name, each in self.moving.items()
+        ]
+
+    def set_sums(self, nodes: UInt, sums: Sequence[NDArray[np.int64]]) -> None:
+        """Gradients by the numbers of some nodes, as `sums` gives them."""
+        for (name, each), values in zip(self.moving.items(), sums, strict=True):
+            target = getattr(self, SUMS + name)
+            dr.scatter(target, lookup(arrays().Int64, values), _numbers(nodes, each), mode=dr.ReduceMode.NoConflicts)
+            dr.eval(target)
 
     def no_gradients(self) -> None:
         """Gradients of 0."""
@@ -138,6 +179,13 @@ class MatterField(ABC):
                 row, both = first + self.rows[2] * z + self.rows[1] * y, weights[1][y] * weights[2][z]
                 for x in range(2):
                     yield row + x, both * weights[0][x]
+
+
+def _numbers(nodes: UInt, each: int) -> UInt:
+    """Indices of the numbers of nodes that have `each` of them."""
+    jit = arrays()
+    lane = dr.arange(jit.UInt, dr.width(nodes) * each)
+    return dr.gather(jit.UInt, nodes, lane // each) * each + lane % each
 
 
 def no_sums(count: int) -> Int64:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import drjit as dr
 import numpy as np
@@ -11,9 +11,6 @@ from numpy.typing import NDArray
 
 from hagoromo.backend import Float, UInt, arrays, lookup
 from hagoromo.recovery.matter_field import COLOURS
-
-if TYPE_CHECKING:
-    from hagoromo.recovery.pixel_table import Drawn
 
 COLOUR_RATE = 0.06  # of a body colour, in a level's first step
 LEAST_COLOUR = 1e-4  # of a body colour
@@ -67,10 +64,6 @@ class MatterMoves(ABC):
     @abstractmethod
     def move_values(self, rate: float, fall: float) -> None:
         """Move values and axes against their gradients. rate: of values. fall: factor on the other rates."""
-
-    @abstractmethod
-    def outline_weight(self, drawn: Drawn) -> Float:
-        """Weight of the silhouette's share in each pixel, which the opacity should have."""
 
     def move(self, rate: float, fall: float) -> None:
         """Move the field against its gradients."""

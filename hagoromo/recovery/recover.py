@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import get_args
+from typing import NamedTuple, get_args
 
 import numpy as np
 
+from hagoromo.cluster.cluster import Here, Workers, here_or_on
 from hagoromo.errors import InputError
-from hagoromo.files.memory import require
+from hagoromo.files.memory import SHARE_OF_MEMORY, free_memory
 from hagoromo.photograph.capture import Capture, load_capture
 from hagoromo.progress import Progress, part_of, silent
 from hagoromo.recovery.choices import AUTO, NONE, FoundMatter, Law, Light, MatterChoice, parts_of
@@ -24,6 +25,7 @@ from hagoromo.recovery.lattice import Lattice
 from hagoromo.recovery.levels import Levels, sides_of
 from hagoromo.recovery.look import FoundLook, Look
 from hagoromo.recovery.matter_shape import SHAPES, MatterShape
+from hagoromo.recovery.object_view import ObjectView
 from hagoromo.recovery.pixel_table import CHUNK
 from hagoromo.recovery.recovered import Recovered
 from hagoromo.recovery.silhouettes import views_of
@@ -33,6 +35,7 @@ LEAST_SIDE, LARGEST_SIDE = 16, 512  # nodes along the longest edge
 BYTES_PER_NODE: dict[Law, float] = {"surface": 90.0, "fuzzy": 200.0}  # of all arrays together
 LOOK_SHARE = 0.3  # of the work, that a first look is
 WHOLE, HALVES = "whole", ("first half", "second half")  # what there are checkpoints of
+LEAST_POSES = 6  # of a half of the photographs, if those from one pose are to be in one half
 WHOLE_SHARE = 0.55  # of the work, of what is not done for the errors
 
 
@@ -77,11 +80,28 @@ class RecoverySettings:
             raise InputError("keep is 1: every photograph would be kept aside; give 2 or more, or 0 for none")
 
 
+class Run(NamedTuple):
+    """progress: of the work. work: file of what was found. workers: who compute what pixels of a step ask for."""
+
+    progress: Progress
+    work: Work
+    workers: Workers = Here()
+
+    def part(self, first: float, share: float, name: str = "") -> Run:
+        """That of a part of the work."""
+        return self._replace(progress=part_of(self.progress, first, share, name))
+
+    def without_file(self) -> Run:
+        """One that begins anew and keeps nothing."""
+        return self._replace(work=Work(None, (), {}))
+
+
 def recover(
     capture: Capture | str | Path,
     settings: RecoverySettings | None = None,
     progress: Progress = silent,
     work: str | Path | None = None,
+    scheduler: str | int | None = None,
 ) -> Recovered:
     """Shape, body colours and gloss of an object, from photographs taken all around it under known lamps.
 
@@ -95,6 +115,8 @@ def recover(
 
     work: file (.npz) of what was found so far. It is written from time to time and removed at the end. Where it exists,
     the work goes on from it, and ends with the bits that it would have had.
+    scheduler: whose workers take the pixels of each step, see `workers_of`; by default this process does. The bits are
+    the same.
 
         recovered = hg.recover("capture")
         recovered.box().save("box.zarr")
@@ -106,31 +128,31 @@ def recover(
     check_not_cut(views)
     aside = kept_aside(len(views), settings.keep)
     used, kept = (tuple(v for v, out in zip(views, aside, strict=True) if out == which) for which in (False, True))
-    kept_work = Work(None if work is None else Path(work), photographs, asdict(settings))
     lit = any(p.lamps for p in photographs)
     _check_lamps_of(settings.refine, lit)
     _check_light_of(settings, lit)
-    matter, look, progress = _first_looks(used, settings, lit, progress, kept_work)
-    found = _recovered(used, kept, settings, matter, look, progress, kept_work)
+    kept_work = Work(None if work is None else Path(work), photographs, asdict(settings))
+    with here_or_on(scheduler) as workers:
+        matter, look, run = _first_looks(used, settings, lit, Run(progress, kept_work, workers))
+        found = _recovered(used, kept, settings, matter, look, run)
     if found.complete:
         kept_work.end()
     return replace(found, name=taken.name, assumptions=dict(taken.assumptions))
 
 
-def _first_looks(
-    used: Views, settings: RecoverySettings, lit: bool, progress: Progress, work: Work
-) -> tuple[FoundMatter, Look, Progress]:
-    """The law of the matter, what is estimated beside the object, and the progress of what is left to be done."""
+def _first_looks(used: Views, settings: RecoverySettings, lit: bool, run: Run) -> tuple[FoundMatter, Look, Run]:
+    """The law of the matter, what is estimated beside the object, and the run of what is left to be done."""
     coarse = replace(settings, side=min(SIDE, settings.side), errors=False)
     matter = FoundMatter("fuzzy" if settings.matter == "fuzzy" else "surface")
+    work = run.work
     known = work.found.look or FoundLook(parts_of(settings.refine))
     looks = (not lit) + (settings.matter == AUTO)
 
     def looked_at(number: int) -> Callable[[Views, Views, Law, FoundLook], Recovered]:
-        own = part_of(progress, LOOK_SHARE * number, LOOK_SHARE, "first look")
+        own = run.part(LOOK_SHARE * number, LOOK_SHARE, "first look")
 
         def recovered(some: Views, others: Views, law: Law, start: FoundLook) -> Recovered:
-            return _recovered(some, others, coarse, FoundMatter(law), start.of_views(some), own, Work(None, (), {}))
+            return _recovered(some, others, coarse, FoundMatter(law), start.of_views(some), own.without_file())
 
         return recovered
 
@@ -144,7 +166,7 @@ def _first_looks(
             work.keep(matter=law_of(used, lambda a, b, law: second(a, b, law, known if law == "surface" else plain)))
         matter = work.found.matter or matter
         known = known if matter.law == "surface" else FoundLook(known.parts, cameras=known.cameras)
-    return matter, known.of_views(used), part_of(progress, LOOK_SHARE * looks, 1.0 - LOOK_SHARE * looks)
+    return matter, known.of_views(used), run.part(LOOK_SHARE * looks, 1.0 - LOOK_SHARE * looks)
 
 
 def _recovered(
@@ -153,26 +175,27 @@ def _recovered(
     settings: RecoverySettings,
     matter: FoundMatter,
     look: Look,
-    progress: Progress,
-    work: Work,
+    run: Run,
 ) -> Recovered:
     """What is recovered of views that are used, by what first looks found."""
-    progress(0.0, "hull")
-    levels = _levels(used, settings, matter.law, look, settings.rays)
+    run.progress(0.0, "hull")
+    work = run.work
+    levels = _levels(used, settings, matter.law, look, settings.rays, run.workers)
     both = settings.errors and len(used) >= 2 * LEAST_VIEWS
     known, errors = work.found.known, None
     try:
-        of_whole = part_of(progress, 0.0, WHOLE_SHARE if both else 1.0)
-        descent = levels.run(settings.steps, of_whole, work.keeps(WHOLE), work.found.checkpoints.get(WHOLE))
+        of_whole = run.part(0.0, WHOLE_SHARE if both else 1.0)
+        descent = levels.run(settings.steps, of_whole.progress, work.keeps(WHOLE), work.found.checkpoints.get(WHOLE))
         if known is None and descent is not None:
             known = evidence_of(descent, levels.before.gloss if len(levels.sides) > 1 else None)
             work.keep(known=known, checkpoints={WHOLE: levels.end})
         if both:
-            halves = _halves(
-                levels, settings, matter.law, part_of(progress, WHOLE_SHARE, 1.0 - WHOLE_SHARE, "errors"), work
-            )
+            of_halves = run.part(WHOLE_SHARE, 1.0 - WHOLE_SHARE, "errors")
+            halves = _halves(levels, settings, matter.law, of_halves)
             before = levels.before.surface() if len(levels.sides) > 1 else None
-            errors = errors_of(levels.shape.surface(), [half.surface() for half in halves], before)
+            errors = errors_of(
+                levels.shape.surface(), [half.surface() for half in halves], before, matter.law == "fuzzy"
+            )
             known = known and known.with_halves(*(half.gloss for half in halves))
     except KeyboardInterrupt:
         if levels.descent is None and levels.start is levels.before:
@@ -189,32 +212,59 @@ def _recovered(
     )  # fmt: skip
 
 
-def _levels(views: Views, settings: RecoverySettings, law: Law, look: Look, rays: int) -> Levels:
+def _levels(views: Views, settings: RecoverySettings, law: Law, look: Look, rays: int, workers: Workers) -> Levels:
     """The levels of some views, from their hull."""
     seen = _changed(views, look)
     outlines, stated = outlines_of(seen), views[0].stated
     low, high = box_of(outlines, stated)
     finest = Lattice.around(low, high, settings.side)
-    require(BYTES_PER_NODE[law] * float(np.prod(finest.shape)), f"a lattice of {settings.side} nodes along its edge")
+    _check_room(law, settings.side, finest)
     sides = sides_of(settings.side)
     lattice = Lattice.around(low, high, sides[0])
     hull = hull_distance(outlines, lattice, stated)
     if stated:
         check_all_show_it(outlines, lattice, hull)
     check_lamps([view.photograph for view in seen], lattice, hull)
-    return Levels(views, SHAPES[law].of_hull(lattice, hull), sides, rays, settings.seed, settings.shadows, look)
+    return Levels(
+        views, SHAPES[law].of_hull(lattice, hull), sides, rays, settings.seed, settings.shadows, look, workers
+    )
 
 
-def _halves(whole: Levels, settings: RecoverySettings, law: Law, progress: Progress, work: Work) -> list[MatterShape]:
+def _check_room(law: Law, side: int, lattice: Lattice) -> None:
+    """`InputError` for a lattice that is larger than the memory: how many nodes would fit."""
+    need, free = BYTES_PER_NODE[law] * float(np.prod(lattice.shape)), free_memory()
+    if need > SHARE_OF_MEMORY * free:
+        fits = int(side * (SHARE_OF_MEMORY * free / need) ** (1.0 / 3.0)) - 1  # an edge may have a node more
+        raise InputError(
+            f"a lattice of {side} nodes along its edge needs {need / 2**30:.3g} GiB of memory and "
+            f"{free / 2**30:.3g} GiB are free: "
+            + (f"--side {fits} would fit" if fits >= LEAST_SIDE else "no lattice would fit")
+        )
+
+
+def _halves(whole: Levels, settings: RecoverySettings, law: Law, run: Run) -> list[MatterShape]:
     """What each half of the photographs gives, from which the errors of what all gave follow."""
-    halves = []
-    for number, name in enumerate(HALVES):
-        views, keep = tuple(whole.views[number::2]), work.keeps(name)
-        half = _levels(views, settings, law, FoundLook.of(whole.look).of_views(views), settings.rays // 2)
-        half.run(settings.steps, part_of(progress, 0.5 * number, 0.5), keep, work.found.checkpoints.get(name))
+    halves, work = [], run.work
+    for number, (name, views) in enumerate(zip(HALVES, halves_of(whole.views), strict=True)):
+        keep = work.keeps(name)
+        look = FoundLook.of(whole.look).of_views(views)
+        half = _levels(views, settings, law, look, settings.rays // 2, run.workers)
+        own = run.part(0.5 * number, 0.5)
+        half.run(settings.steps, own.progress, keep, work.found.checkpoints.get(name))
         keep(half.end)
         halves.append(half.shape)
     return halves
+
+
+def halves_of(views: Sequence[ObjectView]) -> tuple[Views, Views]:
+    """Every second view, and the others. Photographs from one pose have errors in common, such as of their outline, and
+    are in one half, if each half has poses enough: otherwise every second photograph.
+    """
+    poses = list(dict.fromkeys(view.photograph.camera.world_to_camera.tobytes() for view in views))
+    by_pose = len(poses) >= 2 * LEAST_POSES
+    number = [poses.index(v.photograph.camera.world_to_camera.tobytes()) if by_pose else k for k, v in enumerate(views)]
+    first, second = (tuple(v for k, v in zip(number, views, strict=True) if k % 2 == half) for half in (0, 1))
+    return first, second
 
 
 def _changed(views: Views, look: Look) -> Views:

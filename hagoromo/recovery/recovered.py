@@ -208,6 +208,7 @@ class Recovered:
         found = {key: np.quantile(v, (0.5, 0.95)).tolist() if v.size else None for key, v in all_of.items()}
         return {
             "quantiles": [0.5, 0.95],
+            "of_lattice": self.errors.of_lattice,
             **found,
             "never_shown": float((self.evidence.photographs[surface] == 0).mean()),
         }

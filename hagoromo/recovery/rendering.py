@@ -44,6 +44,11 @@ class SeenLight:
         ]
         return np.stack([np.array(part, np.float64) for part in parts]).reshape(len(self.passed), COLOURS, -1)
 
+    def plain(self, count: int) -> NDArray[np.float32]:
+        """(2 + 4 lamps, rays) depth, way, share and light of all lamps, of `count` rays."""
+        rows = [self.seen.depth, self.seen.way, *self.passed, *self.seen.light]
+        return np.stack([np.broadcast_to(np.array(row), count) for row in rows])
+
     @property
     def opacity(self) -> NDArray[np.float32]:
         """(rays,) share of what is behind that the object hides."""

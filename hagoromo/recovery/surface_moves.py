@@ -14,7 +14,6 @@ from hagoromo.recovery.matter_moves import Adam, MatterMoves
 
 if TYPE_CHECKING:
     from hagoromo.recovery.distance_field import DistanceField
-    from hagoromo.recovery.pixel_table import Drawn
 
 BAND = 3.0  # voxels from the surface within which nodes move
 LARGEST_CHANGE = 0.3  # [voxel] of a distance in a step
@@ -45,10 +44,6 @@ class SurfaceMoves(MatterMoves):
         change = clip(self.by_distance.step(slope, rate), -LARGEST_CHANGE, LARGEST_CHANGE)
         dr.scatter_reduce(dr.ReduceOp.Add, self.field.distance, -change, self.nodes, mode=dr.ReduceMode.NoConflicts)
         dr.eval(self.field.distance)
-
-    def outline_weight(self, drawn: Drawn) -> Float:
-        """That of the pixel: a surface is opaque."""
-        return drawn.share_weight
 
 
 def smoothness_slope(field: DistanceField, nodes: UInt) -> Float:

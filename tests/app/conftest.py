@@ -5,8 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from dask import config
 
 from hagoromo.app.cli import main
+from hagoromo.cluster.cluster import workers_of
 from hagoromo.files.exr import write_exr
 from hagoromo.files.png import write_png
 from hagoromo.files.record import write_json
@@ -31,6 +33,22 @@ gamma = 0.2
 n = 1.4
 body_colour = 0.7
 """
+
+
+@pytest.fixture(scope="session")
+def cluster():
+    """Two worker processes of this machine, for all tests of one session."""
+    with workers_of(2) as two:
+        yield two
+
+
+@pytest.fixture
+def address(cluster):
+    """The address of their scheduler, with its certificates in Dask's settings, as somebody's own ones would be."""
+    security, names = cluster.client.security, ("client.cert", "client.key")
+    known = {f"distributed.comm.tls.{name}": getattr(security, f"tls_{name.replace('.', '_')}") for name in names}
+    with config.set(known | {"distributed.comm.tls.ca-file": security.tls_ca_file}):
+        yield cluster.client.scheduler.address
 
 
 @pytest.fixture(scope="module")

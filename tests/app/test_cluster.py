@@ -7,7 +7,6 @@ from pathlib import Path
 
 import psutil
 import pytest
-from dask import config
 
 import hagoromo as hg
 from hagoromo.app.cli import main
@@ -33,22 +32,6 @@ position = [-0.1, -0.2, 0.0]
 [render]
 samples = 2
 """
-
-
-@pytest.fixture(scope="session")
-def cluster():
-    """Two worker processes of this machine, for all tests of one session."""
-    with workers_of(2) as two:
-        yield two
-
-
-@pytest.fixture
-def address(cluster):
-    """The address of their scheduler, with its certificates in Dask's settings, as somebody's own ones would be."""
-    security, names = cluster.client.security, ("client.cert", "client.key")
-    known = {f"distributed.comm.tls.{name}": getattr(security, f"tls_{name.replace('.', '_')}") for name in names}
-    with config.set(known | {"distributed.comm.tls.ca-file": security.tls_ca_file}):
-        yield cluster.client.scheduler.address
 
 
 @pytest.fixture

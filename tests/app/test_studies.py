@@ -38,7 +38,23 @@ INSIDE = {  # modules of the package that a study takes apart, and why no public
     "closely.py": {"image.film.film"},
     # exact shapes by signed distances, and light by the law itself, sphere-traced on the device
     "recover_scenes.py": {"backend", "matter", "reflectance.torrance_sparrow"},
-    "recovery.py": {"backend", "recovery.choices", "recovery.export"},
+    "recovery.py": {"backend"},
+    "recovery_scores.py": {"backend", "recovery.distance_field"},
+    # the surface that stands for a box whose fibres are known
+    "fuzzy_recovery.py": {
+        "backend",
+        "camera.response",
+        "image.relight.stage",
+        "recovery.choices",
+        "recovery.export",
+        "recovery.fuzzy_shape",
+        "recovery.lattice",
+        "recovery.shading",
+    },
+    # meshes in Mitsuba's own path tracer
+    "path_scenes.py": {"backend"},
+    # processor seconds of workers, and of the client beside them
+    "recovery_workers.py": {"cluster", "cluster.cluster"},
     # matter with fields of its own, and a box of fibres without its recipe's floor
     "fuzzy_scenes.py": {
         "backend",

@@ -8,13 +8,16 @@ import pytest
 
 import hagoromo as hg
 from hagoromo.image.relight.stage import basis_camera
-from hagoromo.recovery.errors import NEAR
+from hagoromo.recovery.errors import NEAR, errors_of
 from hagoromo.recovery.evidence import Evidence
 from hagoromo.recovery.export import conserving
 from hagoromo.recovery.lamp_places import LampPlaces
+from hagoromo.recovery.recover import halves_of
 from hagoromo.recovery.recovered import score
-from studies.recover_scenes import Shots, Truth, aligned, around, misstated, shots, simulated
-from studies.recovery import strengths_off
+from hagoromo.recovery.silhouettes import views_of
+from hagoromo.recovery.surface_shape import SurfaceShape
+from studies.recover_scenes import Shots, Truth, aligned, around, misplaced, misstated, shots, simulated, standing
+from studies.recovery import places_off, strengths_off
 
 SETTINGS = hg.RecoverySettings(side=32, steps=80, rays=1 << 14, keep=0, errors=False)
 VOXEL = 0.0035  # m, about that of this lattice
@@ -328,36 +331,16 @@ def test_poses_and_strengths_that_are_wrong_are_refined(aside):
     assert found.record()["cameras"].startswith("each turned")
 
 
-def places_off(photographs, exact):
-    """How far near lamps stand from where they are [m], root mean square."""
-    pairs = zip(photographs, exact, strict=True)
-    return np.sqrt(np.mean([np.sum((a.lamps[0].position - b.lamps[0].position) ** 2) for a, b in pairs]))
-
-
-def seen_under(places):
-    """Twelve views, each under the lamps at `places` of it, one photograph each."""
-    views = around(12, turn=0.7)
-    return simulated(Truth(), Shots(views, [places(view) for view in views], 64), 1)
-
-
-def misplaced(photographs, shift):
-    """The same with the lamp of each photograph shifted."""
-    return [replace(p, lamps=(p.lamps[0].shifted(shift(p)),)) for p in photographs]
-
-
 @pytest.mark.nightly
 def test_lamps_that_stand_elsewhere_are_found(aside):
     """Eight lamps around the object, each 2 % of its distance wrong in each axis: the error falls by a third or more,
     and new views are predicted better.
     """
-    lamps, random = 0.5 * around(8, turn=0.2), np.random.default_rng(1)
-    photographs = seen_under(lambda view: lamps[lamps @ view > 0.05]).capture.photographs
-    shifts = {tuple(lamp): random.normal(0.0, 0.01, 3) for lamp in lamps}
-    wrong = misplaced(photographs, lambda p: shifts[tuple(p.lamps[0].position)])
-    settings = replace(SETTINGS, steps=120)
-    found = hg.recover(hg.Capture(tuple(wrong), "wrong"), replace(settings, refine="places"))
-    assert places_off(found.photographs, photographs) < 0.67 * places_off(wrong, photographs)
-    stated = hg.recover(hg.Capture(tuple(wrong), "wrong"), settings)
+    exact = simulated(Truth(), standing(12, 8, 64), 1)
+    wrong, settings = misplaced(exact, 0.02, 1).capture, replace(SETTINGS, steps=120)
+    found = hg.recover(wrong, replace(settings, refine="places"))
+    assert places_off(found.photographs, exact) < 0.67 * places_off(wrong.photographs, exact)
+    stated = hg.recover(wrong, settings)
     assert mean_psnr(found, aside[0]) > mean_psnr(stated, aside[0]) + 0.2
     assert found.record()["lamp_places"].startswith("each lamp shifted by")
     assert found.look.places is not None and len(found.look.places.names) == 8
@@ -372,9 +355,9 @@ def test_a_flash_that_moves_with_the_camera_has_one_shift():
         side = np.cross(view, [0.0, 0.0, 1.0])
         return (DISTANCE * view + 0.03 * side / np.linalg.norm(side))[None]
 
-    photographs = seen_under(beside).capture.photographs
-    off = np.array([0.012, -0.009, 0.0])  # right and up
-    wrong = misplaced(photographs, lambda p: p.camera.world_to_camera[:3, :3].T @ off)
+    views, off = around(12, turn=0.7), np.array([0.012, -0.009, 0.0])  # right and up
+    photographs = simulated(Truth(), Shots(views, [beside(view) for view in views], 64), 1).capture.photographs
+    wrong = [replace(p, lamps=(p.lamps[0].shifted(p.camera.world_to_camera[:3, :3].T @ off),)) for p in photographs]
     found = hg.recover(hg.Capture(tuple(wrong), "wrong"), replace(SETTINGS, steps=120, refine="places"))
     assert found.look.places is not None and found.look.places.riding == [True]
     assert np.linalg.norm((found.look.places.values[0] + off)[:2]) < 0.33 * np.linalg.norm(off)
@@ -398,3 +381,41 @@ def test_what_cannot_be_refined_is_one_line(taken):
     unlit = tuple(replace(p, lamps=()) for p in taken.capture.photographs)
     with pytest.raises(hg.InputError, match="no photograph has a lamp that could be refined"):
         hg.recover(hg.Capture(unlit, "unlit"), replace(SETTINGS, refine="turn,exposure"))
+
+
+def test_the_mean_factor_by_which_lamps_stand_farther_stays_as_stated(taken):
+    """Eight lamps that stand still: whatever pixels say, the mean of shifts outwards over distances is 0."""
+    capture = simulated(Truth(), standing(6, 8, 32), 1).capture
+    found = hg.recover(capture, replace(SETTINGS, side=16, steps=8, refine="places"))
+    assert found.look.places is not None
+    places = {tuple(p.lamps[0].place): p.lamps[0].place for p in capture.photographs}
+    shifted = {
+        tuple(p.lamps[0].place): q.lamps[0].place for p, q in zip(capture.photographs, found.photographs, strict=True)
+    }
+    middle = found.lattice.middle
+    outwards = [
+        (shifted[key] - place) @ (place - middle) / np.sum((place - middle) ** 2) for key, place in places.items()
+    ]
+    assert np.abs(outwards).max() > 1e-5
+    assert np.mean(outwards) == pytest.approx(0.0, abs=2e-4)  # of another lattice, whose middle is elsewhere
+
+
+def test_photographs_from_one_pose_are_in_one_half(taken):
+    """Of 12 poses with two lamps each; with fewer poses every second photograph is."""
+    views = views_of(simulated(Truth(flat=True), shots(12, 5, 60, 1, pixels=8, lamps=2), 1).capture.photographs)
+    poses = [{v.photograph.camera.world_to_camera.tobytes() for v in half} for half in halves_of(views)]
+    assert not poses[0] & poses[1] and [len(each) for each in poses] == [6, 6]
+    few = halves_of(views[:22])
+    assert {v.photograph.name for v in few[0]} == {v.photograph.name for v in views[:22:2]}
+
+
+def test_fuzzy_errors_hold_what_the_last_halving_changed(recovered):
+    """Of normals and body colours, too; those of a surface do not, and neither do errors without a coarser level."""
+    found = SurfaceShape(recovered.lattice, recovered.distance, recovered.colours, recovered.gloss)
+    before = replace(found, colours=found.colours + np.float32(0.03))
+    surface, fuzzy, single = (
+        errors_of(found, [found, found], *how) for how in ((before, False), (before, True), (None, True))
+    )
+    near = np.isfinite(fuzzy.colour)
+    assert np.allclose(fuzzy.colour[near], 0.03, atol=1e-5) and np.allclose(surface.colour[near], 0.0, atol=1e-6)
+    assert fuzzy.of_lattice and not single.of_lattice

@@ -1,0 +1,108 @@
+"""Scores of recoveries: pictures against exact light, surfaces against true points, and what stated errors hold."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from statistics import NormalDist
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+import hagoromo as hg
+from hagoromo.backend import vectors
+from hagoromo.recovery.distance_field import DistanceField
+from studies.recover_scenes import Simulated
+
+Array = NDArray[np.float64]
+TWO_SIDED = NormalDist().inv_cdf(0.975)  # standard errors of a 95 % interval
+
+
+def strengths_off(photographs: Sequence[hg.Photograph], photographed: Simulated) -> float:
+    """Standard deviation of the logarithms of lamps' strengths over the true ones [%]."""
+    pairs = zip(photographs, photographed.strengths, strict=True)
+    return 100.0 * float(np.std([np.log(np.mean(p.lamps[0].intensity) / true) for p, true in pairs]))
+
+
+def places_off(photographs: Sequence[hg.Photograph], photographed: Simulated) -> float:
+    """How far the photographs' first lamps stand from where they are [mm], root mean square."""
+    pairs = zip(photographs, photographed.places, strict=True)
+    return 1e3 * float(np.sqrt(np.mean([np.sum((p.lamps[0].place - true) ** 2) for p, true in pairs])))
+
+
+def psnr(found: hg.Recovered, aside: Simulated) -> float:
+    """PSNR of all pictures together against exact light [dB]."""
+    peak = max(float(exact.max()) for exact in aside.exact)
+    errors = [
+        np.mean((found.picture(p)[0] - exact) ** 2)
+        for p, exact in zip(aside.capture.photographs, aside.exact, strict=True)
+    ]
+    return float(10.0 * np.log10(peak**2 / np.mean(errors)))
+
+
+class Shown(NamedTuple):
+    """True points of the surface (n, 3) [m], how far the one that was found is from them (n,) [m], and angles of its
+    normals (n,) [°].
+    """
+
+    points: Array
+    distances: Array
+    angles: Array
+
+
+def shape_errors(found: hg.Recovered, aside: Simulated) -> Shown:
+    """The errors of the surface at the true points of all pictures."""
+    there = [np.isfinite(normals[..., 0]) for normals in aside.normals]
+    normals, points = (
+        np.concatenate([each[which] for each, which in zip(all_of, there, strict=True)])
+        for all_of in (aside.normals, aside.points)
+    )
+    return surface_errors(found, points, normals)
+
+
+def surface_errors(found: hg.Recovered, points: Array, normals: Array) -> Shown:
+    """The errors of the surface, of fuzzy matter that which stands for it, at true points with true normals."""
+    field, at = DistanceField(found.distance, found.colours), places(found, points)
+    slope = np.array(field.axis_at(at), np.float64).T
+    slope /= np.maximum(np.linalg.norm(slope, axis=1, keepdims=True), 1e-12)
+    angles = np.degrees(np.arccos(np.clip(np.einsum("ni,ni->n", slope, normals), -1.0, 1.0)))
+    distances = np.abs(np.array(field.value_at(at), np.float64)) * found.lattice.voxel
+    return Shown(points, distances, angles)
+
+
+def places(found: hg.Recovered, points: Array) -> Any:
+    """Points (n, 3) [m] as places of the lattice."""
+    return vectors(found.lattice.from_world(points))
+
+
+def covered(found: hg.Recovered, shown: Shown, colours: Array) -> tuple[float, float, float] | None:
+    """Share [%] of points of which 95 % intervals of position, normal and body colour hold the truth.
+
+    colours: (n, 3) true ones. The angle of a normal has two components: 95 % are within √(−ln 0.05) times its root of
+    the mean square. The errors of a point are those of the nearest place of the surface that was found.
+    """
+    if found.errors is None:
+        return None
+    at, field = places(found, shown.points), found.rendering.field
+    errors, node = found.errors, field.nearest_node(at)
+    known = np.argwhere(np.isfinite(errors.position))
+    away = ~np.isfinite(errors.position.ravel()[node])
+    if away.any():
+        nearest = KDTree(known[:, ::-1]).query(found.lattice.from_world(shown.points[away]))[1]
+        node[away] = np.ravel_multi_index(tuple(known[nearest].T), errors.position.shape)
+    position, normal = errors.position.ravel()[node], errors.normal.ravel()[node]
+    colour = errors.colour.reshape(-1, 3)[node]
+    own = np.stack([np.array(c) for c in field.colours_at(at)], 1)
+    held = (
+        shown.distances < TWO_SIDED * position,
+        np.radians(shown.angles) < np.sqrt(-np.log(0.05)) * normal,
+        np.abs(own - colours) < TWO_SIDED * colour,
+    )
+    return tuple(float(100.0 * each.mean()) for each in held)  # type: ignore[return-value]
+
+
+def gloss_held(found: hg.Recovered, beta: float, gamma: float) -> bool:
+    """Whether 95 % intervals of β and γ hold the truth."""
+    interval = found.record()["material"]["interval_95"]
+    return all(interval[k][0] <= v <= interval[k][1] for k, v in (("beta", beta), ("gamma", gamma)))
