@@ -126,7 +126,7 @@ def main(
 
 
 def _shown(rows: Sequence[dict[str, Any]]) -> list[tuple[str, ...]]:
-    shown = []
+    shown: list[tuple[str, ...]] = []
     for name in dict.fromkeys(row["set"] for row in rows):
         for where, (low, high) in RANGES.items():
             part = [row for row in rows if row["set"] == name and low < row["outside_deg"] <= high]

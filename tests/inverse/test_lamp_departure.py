@@ -108,6 +108,6 @@ def test_a_rig_is_advised_where_it_would_bring_a_tenth():
 
     said = advice(0.03, departure)
     assert said is not None and "about 5 %, by 3 % if that lamp were known" in said and "calibrate rig" in said
-    assert advice(0.03, replace(departure, photograph=0.01)) is None
+    assert advice(0.03, replace(departure, photographs=(0.01,))) is None
     assert advice(0.03, replace(departure, evident=False)) is None
     assert advice(None, departure) is None and advice(0.03, None) is None
