@@ -26,11 +26,14 @@ CLIPPED_SHARE = 99.7  # percentile of the values of a photograph that is its whi
 
 @dataclass(frozen=True)
 class Gloss:
-    """Truth of an object: exponent ε of the body, and β [1/sr] and γ [°] of both lobes; n is 1.5."""
+    """Truth of an object: exponent ε of the body, β [1/sr] and γ [°] of both lobes; n is 1.5. sigma: of the facets of
+    a rough body [rad], after Oren and Nayar.
+    """
 
     epsilon: float
     haze: tuple[float, float]
     spike: tuple[float, float]
+    sigma: float = 0.0
 
 
 GLOSSY = {
@@ -38,23 +41,32 @@ GLOSSY = {
     "lacquer": Gloss(-0.12, (0.4, 12.0), (10.0, 2.5)),
     "waxed": Gloss(0.05, (0.5, 20.0), (1.5, 5.0)),
 }
+ROUGH = {"biscuit": Gloss(0.0, (0.3, 28.0), (0.3, 12.0), 0.5)}  # and matt: of no study of gloss
+OBJECTS = dict(sorted(GLOSSY.items())) | ROUGH
 
 
-def glossy_object(name: str, seed: int = 0, size: int = 120, lamps: int | None = None) -> tuple[hg.Capture, Array]:
-    """The capture of an object of GLOSSY, of unknown shape, and its true normals (h, w, 3), 0 beside it.
+def glossy_object(
+    name: str,
+    seed: int = 0,
+    size: int = 120,
+    lamps: int | None = None,
+    largest_tilt: float = LARGEST_TILT,
+    strength_error: float = STRENGTH_ERROR,
+) -> tuple[hg.Capture, Array]:
+    """The capture of one of OBJECTS, of unknown shape, and its true normals (h, w, 3), 0 beside it.
 
-    lamps: how many; None: LAMPS.
+    lamps: how many; None: LAMPS. largest_tilt: of them [°]. strength_error: relative, of those stated.
     """
-    random, gloss = np.random.default_rng([seed, sorted(GLOSSY).index(name)]), GLOSSY[name]
+    random, gloss = np.random.default_rng([seed, list(OBJECTS).index(name)]), OBJECTS[name]
     camera = hg.Camera(size, size, (FOCAL, FOCAL), (size / 2, size / 2), name="simulated")
     camera = camera.look_at((0.0, 0.0, FOCAL * PIXEL), (0.0, 0.0, 0.0), up=(0.0, 1.0, 0.0))
     points, normals, on_object = _dome(random, size)
     body = _body(random, size)
-    directions = _lamps(random, LAMPS if lamps is None else lamps)
+    directions = _lamps(random, LAMPS if lamps is None else lamps, largest_tilt)
     values = []
     for direction in directions:
         light = _reflected(normals, direction, gloss, body) * lit_share(points, camera, direction)[..., None]
-        values.append(np.pi * np.where(on_object[..., None], light, 0.0) * (1.0 + STRENGTH_ERROR * random.normal()))
+        values.append(np.pi * np.where(on_object[..., None], light, 0.0) * (1.0 + strength_error * random.normal()))
     white = float(np.percentile(np.stack(values)[:, on_object].max(axis=2), CLIPPED_SHARE))
     photographs = []
     for number, (direction, true) in enumerate(zip(directions, values, strict=True)):
@@ -95,10 +107,10 @@ def _body(random: np.random.Generator, size: int) -> Array:
     return (1.0 + 0.2 * noise / noise.std())[..., None] * np.array([0.10, 0.07, 0.05])
 
 
-def _lamps(random: np.random.Generator, count: int) -> Array:
+def _lamps(random: np.random.Generator, count: int, largest_tilt: float) -> Array:
     """(count, 3) unit directions, evenly over a cap about the camera's axis (world: z to the camera)."""
     k = np.arange(count) + 0.5
-    cosine = 1.0 - (1.0 - np.cos(np.radians(LARGEST_TILT))) * k / count
+    cosine = 1.0 - (1.0 - np.cos(np.radians(largest_tilt))) * k / count
     turn = np.pi * (1.0 + np.sqrt(5.0)) * k + random.uniform(0.0, 2.0 * np.pi)
     sine = np.sqrt(1.0 - cosine**2)
     return np.stack([sine * np.cos(turn), sine * np.sin(turn), cosine], axis=1)
@@ -117,5 +129,24 @@ def _reflected(normals: Array, to_lamp: Array, gloss: Gloss, body: Array) -> Arr
     density = sum(beta * 2.0 ** -((phi / width) ** 2) for beta, width in (gloss.haze, gloss.spike))
     lit, low = (cos_i > 0.0) & (cos_r > 0.0), 0.02
     diffuse = cos_i * (np.maximum(cos_i, low) * np.maximum(cos_r, low)) ** gloss.epsilon
+    diffuse *= _rough(normals, to_lamp, gloss.sigma)
     interface = density * fresnel * np.maximum(masked, 0.0) / np.where(lit, cos_r, 1.0)
     return np.where(lit[..., None], body * diffuse[..., None] + interface[..., None], 0.0)
+
+
+def _rough(normals: Array, to_lamp: Array, sigma: float) -> Array | float:
+    """(h, w) what facets of slopes `sigma` [rad] make of Lambert's law, seen along z.
+
+    Oren & Nayar 1994, the qualitative model.
+    """
+    if sigma == 0.0:
+        return 1.0
+    eye, square = np.array([0.0, 0.0, 1.0]), sigma**2
+    cosines = [np.clip(normals @ way, -1.0, 1.0)[..., None] for way in (to_lamp, eye)]
+    along = [way - cosine * normals for way, cosine in zip((to_lamp, eye), cosines, strict=True)]
+    lengths = [np.linalg.norm(one, axis=-1) for one in along]
+    turn = np.sum(along[0] * along[1], axis=-1) / np.maximum(lengths[0] * lengths[1], 1e-9)
+    lamp, view = (np.arccos(np.clip(cosine[..., 0], 0.0, 1.0)) for cosine in cosines)
+    far, near = np.maximum(lamp, view), np.minimum(lamp, view)
+    low, high = 1.0 - 0.5 * square / (square + 0.33), 0.45 * square / (square + 0.09)
+    return low + high * np.maximum(turn, 0.0) * np.sin(far) * np.tan(near)

@@ -42,15 +42,20 @@ class LampDeparture:
 
     strength: of ln irradiance in the middle of the object. falloff: of ln irradiance over the object, beside that.
     direction: between directions to the lamps found and stated [rad]. photograph: of the relative error of a photograph
-    whose lamp is taken as stated. evident: whether strength and fall-off are more than their errors explain, and more
-    than lamps vary from capture to capture.
+    whose lamp is taken as stated; photographs: that of each, no mean. evident: whether strength and fall-off are more
+    than their errors explain, and more than lamps vary from capture to capture.
     """
 
     strength: float
     falloff: float
     direction: float
-    photograph: float
+    photographs: tuple[float, ...]
     evident: bool
+
+    @property
+    def photograph(self) -> float:
+        """Root mean square of the relative errors of `photographs`."""
+        return _rms(np.array(self.photographs))
 
     @property
     def significant(self) -> bool:
@@ -89,7 +94,7 @@ def lamp_departure(solved: NormalMap, stated: Sequence[Lamp]) -> LampDeparture |
         _rms(middle),
         _rms(light - middle[:, None]),
         _rms(np.arccos(np.clip(np.sum(towards * views.to_lamp, axis=2), -1.0, 1.0))),
-        float(np.sqrt(np.mean(missed / np.maximum(np.sum(own**2, axis=(1, 2)), 1e-300)))),
+        tuple(np.sqrt(missed / np.maximum(np.sum(own**2, axis=(1, 2)), 1e-300)).tolist()),
         _evident(np.column_stack([strength, slope]), fit.lamp_variance[:, :3]),
     )
 

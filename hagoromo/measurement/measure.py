@@ -282,6 +282,8 @@ def _assumed(measurement: Measurement) -> Measurement:
         warnings.warn(f"{said}{f' (transfer: {stated})' if stated else ''}: {found.advice}", stacklevel=3)
     taken = {**capture.assumptions, "linearity": said}
     taken |= {name: one.sentence for name, one in measurement.terms.items()}
+    if measurement.own_light is not None and measurement.own_light.shadows:
+        taken["light in shadows"] = measurement.own_light.shadows
     solved = measurement.normal_map
     departure = None if solved is None else lamp_departure(solved, [one.lamps[0] for one in capture.photographs])
     if departure is not None and departure.significant:

@@ -155,8 +155,8 @@ def _nu(tail: float) -> float:
 
 # Below, lamps and pixels are wider than any lobe; above, it is diffuse
 LOG_GAMMA = Coordinate("ln γ", np.log, math.exp, (0.001, 1.2))
-# Above a gas, up to the densest dielectrics
-LOG_N1 = Coordinate("ln(n − 1)", lambda n: np.log(n - 1.0), lambda at: 1.0 + math.exp(at), (1.05, 3.0))
+# Above a gas; dielectrics end at 3, and metals look like 4 to 10: their Fresnel reflectance hardly rises up to 80°
+LOG_N1 = Coordinate("ln(n − 1)", lambda n: np.log(n - 1.0), lambda at: 1.0 + math.exp(at), (1.05, 10.0))
 TAIL = Coordinate("1/ν", _tail, _nu, (LEAST_NU, math.inf))  # 0 for Gaussian facets, and the density is smooth there
 LOG_EXPONENT = Coordinate("ln(1 + ε)", lambda at: np.log(1.0 + at), lambda at: math.exp(at) - 1.0, (-0.7, 1.0))
 ROUGHNESS = Coordinate("σ", float, float, (-0.2, 1.0))

@@ -90,7 +90,7 @@ def test_the_report_of_relit_photographs_is_harmless(tmp_path):
         white=1.0,
         object_pixels=221,
     )
-    measured = replace(measure(capture), lamp_departure=LampDeparture(0.04, 0.01, 0.001, 0.04, True))
+    measured = replace(measure(capture), lamp_departure=LampDeparture(0.04, 0.01, 0.001, (0.04,), True))
     write_relight_report(tmp_path / "report.html", Relighting(measured, cast(Any, None), (one,), 0.03))
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert_harmless(text)

@@ -95,7 +95,7 @@ def test_what_errors_explain_is_no_departure():
 
 def test_a_rig_is_advised_where_it_would_bring_a_tenth():
     """Errors of 3 % and, for the lamp, 4 %: 5 %, 3 % if it were known. Not where the lamp adds a twentieth."""
-    departure = LampDeparture(0.04, 0.01, 0.001, 0.04, True)
+    departure = LampDeparture(0.04, 0.01, 0.001, (0.04,), True)
 
     def relit(left_out: float | None, found: LampDeparture | None) -> Relighting:
         measured = SimpleNamespace(lamp_departure=found, rig=None)
@@ -108,6 +108,6 @@ def test_a_rig_is_advised_where_it_would_bring_a_tenth():
 
     said = advice(0.03, departure)
     assert said is not None and "about 5 %, by 3 % if that lamp were known" in said and "calibrate rig" in said
-    assert advice(0.03, replace(departure, photograph=0.01)) is None
+    assert advice(0.03, replace(departure, photographs=(0.01,))) is None
     assert advice(0.03, replace(departure, evident=False)) is None
     assert advice(None, departure) is None and advice(0.03, None) is None

@@ -14,6 +14,7 @@ from hagoromo.measurement.normals.normals import NormalMap, least_squares_fit
 from hagoromo.measurement.surface import own_light, solved_surface
 from hagoromo.measurement.surface.depth import DepthSurface
 from hagoromo.measurement.surface.exchange import exchange
+from hagoromo.measurement.surface.shadow_light import shadow_light
 from hagoromo_page.report.measure_report import write_measure_report
 from tests.inverse.simulated_bowl import FOCAL, OPENING, PIXEL, bowl
 
@@ -142,7 +143,9 @@ def test_light_of_the_room_is_separated_where_own_light_differs_from_it(alike):
         rows=rows, columns=columns, shape=(side, side), to_lamp=np.tile((0, 0, -1.0), (count, 1, 1))
     )
     normal_map: Any = SimpleNamespace(
-        views=views, fit=SimpleNamespace(normals=np.tile((0, 0, 1.0), (side**2, 1))), body=body
+        views=views,
+        fit=SimpleNamespace(normals=np.tile((0, 0, 1.0), (side**2, 1)), labels=np.zeros(side**2, int)),
+        body=body,
     )
     light = np.linspace(0.0, 0.2, side)[:, None, None] * np.linspace(1.0, 0.2, count)[:, None, None, None]
     parts = list(np.broadcast_to(0.1 if alike else light, (count, side, side, 1)) * body)
@@ -150,7 +153,7 @@ def test_light_of_the_room_is_separated_where_own_light_differs_from_it(alike):
     values = [0.8 * part + 0.05 * body + 1e-3 * random.standard_normal(body.shape) for part in parts]
     photographs = [SimpleNamespace(values=value, mask=mask, variance=variance) for value in values]
     capture: Any = SimpleNamespace(photographs=photographs)
-    unit = own_light._unit(capture, normal_map, parts)
+    unit = own_light._unit(shadow_light(capture, normal_map, parts))
     assert unit.separate != alike
     if alike:
         assert unit.value == pytest.approx(0.8 + 0.05 / 0.1, rel=0.02)

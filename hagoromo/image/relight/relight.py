@@ -92,7 +92,7 @@ def _with_forecast(prediction: Prediction, measurement: Measurement, learnt: Lea
     middle = learnt.solved.views.points.mean(axis=0)
     lamps = (lamp.direction_and_irradiance(middle[None])[0][0] for lamp in prediction.source.lamps)
     outside = max(learnt.outside(to_lamp) for to_lamp in lamps)
-    expected = float(np.hypot(learnt.forecast.error(outside), departure.photograph))
+    expected = learnt.forecast.expected(outside, departure.photographs)
     return replace(prediction, expected=expected, outside=outside)
 
 

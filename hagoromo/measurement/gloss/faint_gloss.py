@@ -18,7 +18,7 @@ from hagoromo.measurement.parameters import GAMMA_RANGE, LOG_GAMMA, LOG_N1, N_RA
 from hagoromo.measurement.sight import Array
 
 WIDTHS = np.geomspace(0.01, GAMMA_RANGE[1], 16)  # γ [rad] of the grid; narrower lobes would fall between pixels
-INDICES = (N_RANGE[0], 1.3, 1.5, 1.9, N_RANGE[1])  # n of the grid
+INDICES = (N_RANGE[0], 1.3, 1.5, 1.9, 3.0, N_RANGE[1])  # n of the grid
 STRENGTHS = 24  # β F₀ of the grid, from 0 to the largest possible
 FARTHEST = 3.0  # standard errors above the best strength
 

@@ -24,17 +24,14 @@ from hagoromo.measurement.normals.photometric_model import predicted
 from hagoromo.measurement.normals.views import Array
 from hagoromo.measurement.surface.depth import DepthSurface
 from hagoromo.measurement.surface.exchange import Exchange, exchange
+from hagoromo.measurement.surface.shadow_light import GLARE, OWN, ROOM, ShadowLight, shadow_light
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.photograph import Photograph
 
 Values = NDArray[np.floating]
-SHADOW_COSINE = -0.05  # of normal and lamp: below, a pixel turns away from the lamp although the normal is a bit off
-TILES = 4  # across the image: the light in shadows is compared over independent parts of it
-FEWEST_TILES = 4
 LARGEST_UNIT_ERROR = 0.25  # relative, of the unit, for it to count as measured
 NOTABLE = 0.02  # share of the light: with less, nothing is said and nothing is subtracted
 LARGE_SHARE = 99.0  # percentile of the pixels that "up to" means
-LEAST_DIFFERENT = 1e-9  # sin² of the angle between own light and light of the room, above which rounding is not all
 LIT = 0.25  # of the median value of a photograph: darker pixels are in shadow
 WHITEST = 1.05  # largest albedo of a body: above, lamps and photographs have different units
 
@@ -61,7 +58,8 @@ class OwnLight:
     unit: ratio of the light found in shadows to the light expected there, and its standard error; 1 and inf where no
     shadow shows it. albedo: of the body, in its brightest channel and in that unit. subtracted: whether normals and
     body colours are without it. room: share of the light that is the same in all photographs, and its standard error,
-    where `separate`, that is where light of the room can be separated from the object's own.
+    where `separate`, that is where light of the room can be separated from the object's own. shadows: what the light in
+    the shadows is, in words; it is not part of the record.
     """
 
     share: NDArray[np.float32]
@@ -73,6 +71,7 @@ class OwnLight:
     room: float = 0.0
     room_error: float = np.inf
     separate: bool = False
+    shadows: str = ""
 
     @property
     def known(self) -> bool:
@@ -161,7 +160,8 @@ def own_light(capture: Capture, normal_map: NormalMap, surface: DepthSurface) ->
     net, parts = exchange(surface.points, normal_map.normals, capture.photographs[0].camera), []
     for photograph, interface in zip(capture.photographs, _interfaces(normal_map), strict=True):
         parts.append(_added(photograph, net, normal_map, interface))
-    unit = _unit(capture, normal_map, parts)
+    shadows = shadow_light(capture, normal_map, parts)
+    unit = _unit(shadows)
     factor = unit.value if unit.error < LARGEST_UNIT_ERROR * unit.value else 1.0
     parts = [np.float32(factor) * part for part in parts]
     whitest = float(np.pi * factor * np.median(normal_map.fit.body.max(axis=0)))
@@ -179,7 +179,7 @@ def own_light(capture: Capture, normal_map: NormalMap, surface: DepthSurface) ->
     )
     found = OwnLight(
         share.astype(np.float32), most.astype(np.float32), unit.value, unit.error, whitest,
-        room=unit.room * steady, room_error=unit.room_error * steady, separate=unit.separate,
+        room=unit.room * steady, room_error=unit.room_error * steady, separate=unit.separate, shadows=shadows.sentence,
     )  # fmt: skip
     return found, parts
 
@@ -209,40 +209,12 @@ def _added(photograph: Photograph, net: Exchange, normal_map: NormalMap, interfa
     return normal_map.body * net.pixels(net.matrix @ leaving).astype(np.float32)
 
 
-def _unit(capture: Capture, normal_map: NormalMap, parts: list[Values]) -> Unit:
-    """The unit by shadows that the object throws on itself; errors by the residuals of tiles of the image."""
-    views, fit = normal_map.views, normal_map.fit
-    incidence = np.einsum("kpi,pi->kp", views.to_lamp, fit.normals)
-    tile = (views.rows * TILES // views.shape[0]) * TILES + views.columns * TILES // views.shape[1]
-    body = normal_map.body[views.rows, views.columns].mean(axis=1)
-    towards, square = np.zeros((TILES**2, 2)), np.zeros((TILES**2, 2, 2))  # by own light and by the body
-    for k, (photograph, part) in enumerate(zip(capture.photographs, parts, strict=True)):
-        place = views.rows, views.columns
-        dark = (incidence[k] < SHADOW_COSINE) & photograph.mask[place]
-        value = photograph.values[place][dark].mean(axis=1)
-        weight = 1.0 / photograph.variance[place][dark].mean(axis=1)
-        of = np.stack([part[place][dark].mean(axis=1), body[dark]])
-        for i in range(2):
-            towards[:, i] += np.bincount(tile[dark], weight * of[i] * value, TILES**2)
-            for j in range(2):
-                square[:, i, j] += np.bincount(tile[dark], weight * of[i] * of[j], TILES**2)
-    shown = square[:, 0, 0] > 1e-3 * square[:, 0, 0].max(initial=0.0)
-    if shown.sum() < FEWEST_TILES or not square[:, 0, 0].sum() > 0.0:
-        return Unit()
-    (alone,), (error,) = _solved(square[shown][:, :1, :1], towards[shown][:, :1])
-    both = square.sum(axis=0)
-    if both[0, 0] * both[1, 1] - both[0, 1] ** 2 <= LEAST_DIFFERENT * both[0, 0] * both[1, 1]:
-        return Unit(alone, error)
-    (own, room), (own_error, room_error) = _solved(square[shown], towards[shown])
-    if own_error < LARGEST_UNIT_ERROR * own:
-        return Unit(own, own_error, room, room_error, separate=True)
-    return Unit(alone, error)
-
-
-def _solved(square: Array, towards: Array) -> tuple[list[float], list[float]]:
-    """Least squares of T tiles, of normal equations (T, k, k) and (T, k), and its errors by their residuals."""
-    inverse = np.linalg.inv(square.sum(axis=0))
-    value = inverse @ towards.sum(axis=0)
-    off = towards - square @ value
-    count = len(off) / max(len(off) - len(value), 1)
-    return value.tolist(), np.sqrt(count * np.diag(inverse @ (off.T @ off) @ inverse)).tolist()
+def _unit(shadows: ShadowLight) -> Unit:
+    """The unit by shadows that the object throws on itself; veiling glare is taken out where there is some."""
+    beside = [GLARE] if shadows.glares else []
+    alone, both = (shadows.solved([*sources, *beside]) for sources in ([OWN], [OWN, ROOM]))
+    if both is not None:
+        (own, room), (error, room_error) = both.strength[:2].tolist(), both.error[:2].tolist()
+        if error < LARGEST_UNIT_ERROR * own:
+            return Unit(own, error, room, room_error, separate=True)
+    return Unit() if alone is None else Unit(float(alone.strength[0]), float(alone.error[0]))
