@@ -119,7 +119,7 @@ class ShadowLight:
             return f"{self._dark_words}: no sum of the sources known explains it"
         is_open = error > OPEN_ERROR * self.dark
         known = [
-            f"{WORDS[one]} {100 * light[i] / self.lit:.2f} ± {100 * error[i] / self.lit:.2f} %"
+            f"{WORDS[one]} {100 * light[i] / self.lit:z.2f} ± {100 * error[i] / self.lit:z.2f} %"
             + (f" ({ADVICE[one]})" if light[i] > max(SIGNIFICANT * error[i], NOTABLE * self.lit) else "")
             for i, one in enumerate(sources)
             if not is_open[i]
@@ -129,8 +129,8 @@ class ShadowLight:
             total, spread = found.strength @ together, float(together @ found.covariance @ together) ** 0.5
             names = " and ".join(WORDS[one] for one, left in zip(sources, is_open, strict=True) if left)
             known.append(
-                f"{names}, which cannot be separated here, {100 * total / self.lit:.2f} ± "
-                f"{100 * spread / self.lit:.2f} % together (a photograph with all lamps off shows that of the room)"
+                f"{names}, which cannot be separated here, {100 * total / self.lit:z.2f} ± "
+                f"{100 * spread / self.lit:z.2f} % together (a photograph with all lamps off shows that of the room)"
             )
         return f"{self._dark_words}: {'; '.join(known)}"
 
