@@ -26,7 +26,7 @@ from hagoromo.measurement.normals.photometric_model import predicted
 from hagoromo.measurement.surface.depth import surface_from_normals
 from studies.cast_shadow import lit_share
 from studies.glossy_objects import OBJECTS as SIMULATED
-from studies.glossy_objects import STRENGTH_ERROR, glossy_object
+from studies.glossy_objects import ROUGH, STRENGTH_ERROR, glossy_object
 from studies.table import print_table
 from studies.uw_psm import FOCAL, PIXEL, read_lamps, read_object, shrunk
 
@@ -61,7 +61,7 @@ def simulated_rows(objects: Sequence[str], seeds: int) -> list[dict[str, Any]]:
                 near, far = np.flatnonzero(tilt < MEASURED_TILT), np.flatnonzero(tilt > FAR_TILT)
                 captured = replace(capture, photographs=tuple(capture.photographs[k] for k in [*near, *far]))
                 kept = [*range(2, len(near), 4), *range(len(near), len(near) + len(far))]
-                which = "rough" if SIMULATED[name].sigma else "glossy"
+                which = "rough" if name in ROUGH else "glossy"
                 rows += _kept_aside(captured, kept, {"set": f"{which}, {kind} lamps", "object": name, "seed": seed})
     return rows
 
@@ -102,7 +102,7 @@ def main(
     folder: Positional[Path],
     out: Path,
     real: tuple[str, ...] = REAL,
-    simulated: tuple[str, ...] = tuple(SIMULATED),
+    simulated: tuple[str, ...] = SIMULATED,
     seeds: int = 1,
     shrink: int = 4,
     force: bool = False,

@@ -42,7 +42,7 @@ GLOSSY = {
     "waxed": Gloss(0.05, (0.5, 20.0), (1.5, 5.0)),
 }
 ROUGH = {"biscuit": Gloss(0.0, (0.3, 28.0), (0.3, 12.0), 0.5)}  # and matt: of no study of gloss
-OBJECTS = dict(sorted(GLOSSY.items())) | ROUGH
+OBJECTS = *sorted(GLOSSY), *ROUGH
 
 
 def glossy_object(
@@ -50,19 +50,24 @@ def glossy_object(
     seed: int = 0,
     size: int = 120,
     lamps: int | None = None,
-    largest_tilt: float = LARGEST_TILT,
-    strength_error: float = STRENGTH_ERROR,
+    largest_tilt: float | None = None,
+    strength_error: float | None = None,
 ) -> tuple[hg.Capture, Array]:
-    """The capture of one of OBJECTS, of unknown shape, and its true normals (h, w, 3), 0 beside it.
+    """The capture of an object of GLOSSY or ROUGH, of unknown shape, and its true normals (h, w, 3), 0 beside it.
 
-    lamps: how many; None: LAMPS. largest_tilt: of them [°]. strength_error: relative, of those stated.
+    lamps: how many; None: LAMPS. largest_tilt: of them [°]; None: LARGEST_TILT. strength_error: relative, of those
+    stated; None: STRENGTH_ERROR.
     """
-    random, gloss = np.random.default_rng([seed, list(OBJECTS).index(name)]), OBJECTS[name]
+    strength_error = STRENGTH_ERROR if strength_error is None else strength_error
+    objects = dict(sorted(GLOSSY.items())) | ROUGH
+    random, gloss = np.random.default_rng([seed, list(objects).index(name)]), objects[name]
     camera = hg.Camera(size, size, (FOCAL, FOCAL), (size / 2, size / 2), name="simulated")
     camera = camera.look_at((0.0, 0.0, FOCAL * PIXEL), (0.0, 0.0, 0.0), up=(0.0, 1.0, 0.0))
     points, normals, on_object = _dome(random, size)
     body = _body(random, size)
-    directions = _lamps(random, LAMPS if lamps is None else lamps, largest_tilt)
+    directions = _lamps(
+        random, LAMPS if lamps is None else lamps, LARGEST_TILT if largest_tilt is None else largest_tilt
+    )
     values = []
     for direction in directions:
         light = _reflected(normals, direction, gloss, body) * lit_share(points, camera, direction)[..., None]

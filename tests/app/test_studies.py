@@ -113,6 +113,11 @@ INSIDE = {  # modules of the package that a study takes apart, and why no public
     "near_lamps.py": {"app.shared_options", "cluster.cluster"},
     # workers, before and while they work
     "cluster_bench.py": {"cluster.cluster", "image.render_tiles"},
+    # and while they walk: when tasks end, and how many walks an error takes
+    "cluster_orders.py": {
+        *("cluster.cluster", "files.cache", "image.path_picture", "image.render_tiles", "image.scene_on_worker"),
+        *("image.walk_sums", "image.walk_tiles"),
+    },
     # kernels run on Dr.Jit's types of this machine
     "near_rig.py": {"backend"},
     "gallery/gallery_item.py": {"backend"},
