@@ -56,7 +56,7 @@ def measured(home: Path, progress: hg.Progress = hg.silent) -> dict[str, Any]:
     progress(0.9, "empty tasks")
     return {
         "rows": rows, "pixels": SIZE[0] * SIZE[1], "samples": settings.samples, "cores": os.cpu_count(),
-        "load": os.getloadavg()[0] if hasattr(os, "getloadavg") else None, "task": empty_tasks(),
+        "load": load(), "task": empty_tasks(),
     }  # fmt: skip
 
 
@@ -88,6 +88,11 @@ def workers_row(scene: Path, settings: hg.Settings, whole: hg.Image, count: int,
         "cpu_s": sum(after[pid] - prepared[pid] for pid in same), "client_cpu_s": own, "tiles": len(shares) - 1,
         "same_bits": bool(np.array_equal(image.weights, whole.weights) and np.array_equal(image.alpha, whole.alpha)),
     }  # fmt: skip
+
+
+def load() -> float:
+    """Processes that want a core, the mean over a minute; 0 where the system does not say."""
+    return os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0
 
 
 def cpu_seconds(cluster: Cluster) -> dict[int, float]:

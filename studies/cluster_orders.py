@@ -24,7 +24,7 @@ from hagoromo.image.scene_on_worker import TASKS_PER_WORKER, SceneOrder
 from hagoromo.image.walk_sums import FIRST_WALKS, WalkSums
 from hagoromo.image.walk_tiles import PIXELS, walk_on
 from hagoromo_matter.demo.figure_scene import camera_of, cast_of, resized_scene, write_figure_scene
-from studies.cluster_bench import SCENE, cpu_seconds
+from studies.cluster_bench import SCENE, cpu_seconds, load
 from studies.cluster_simulation import Machines, Run, Work
 
 WORKERS = (1, 2, 4)
@@ -174,11 +174,6 @@ def same_bits(one: hg.Image, other: hg.Image) -> bool:
     """Whether two pictures are the same, bit by bit."""
     arrays = ((one.weights, other.weights), (one.alpha, other.alpha), (one.variance, other.variance))
     return all(a is b or (a is not None and b is not None and np.array_equal(a, b)) for a, b in arrays)
-
-
-def load() -> float:
-    """Processes that want a core, the mean over a minute; 0 where the system does not say."""
-    return os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0
 
 
 def bytes_in(folder: Path) -> int:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import time
 from pathlib import Path
 from typing import Any
@@ -20,14 +19,9 @@ from dask import config
 
 import hagoromo as hg
 from hagoromo.cluster import connection
-from hagoromo.cluster.cluster import Cluster, workers_of
+from hagoromo.cluster.cluster import workers_of
+from studies.cluster_bench import cpu_seconds
 from studies.recover_scenes import Truth, shots, simulated
-
-
-def cpu_of_workers(cluster: Cluster) -> float:
-    """Processor seconds of all worker processes by now."""
-    times = [psutil.Process(pid).cpu_times() for pid in cluster.client.run(os.getpid).values()]
-    return sum(each.user + each.system for each in times)
 
 
 def sent() -> float:
@@ -48,12 +42,12 @@ def by_workers(capture: hg.Capture, settings: hg.RecoverySettings, count: int) -
             for name in ("client.cert", "client.key")
         }
         with config.set(known | {"distributed.comm.tls.ca-file": security.tls_ca_file}):
-            before, begin, bytes_before = cpu_of_workers(cluster), time.process_time(), sent()
+            before, begin, bytes_before = sum(cpu_seconds(cluster).values()), time.process_time(), sent()
             found = hg.recover(capture, settings, scheduler=cluster.client.scheduler.address)
             row = {
                 "workers": count,
                 "client_cpu_s": time.process_time() - begin,
-                "workers_cpu_s": cpu_of_workers(cluster) - before,
+                "workers_cpu_s": sum(cpu_seconds(cluster).values()) - before,
                 "sent_mb": sent() - bytes_before,
             }
     return row, found

@@ -62,7 +62,7 @@ class HeldMatter(NamedTuple):
     nodes: NDArray[np.uint32]
 
 
-class State(NamedTuple):
+class StepState(NamedTuple):
     """What changes from step to step. numbers: of the nodes that move, see `MatterField.at`."""
 
     numbers: list[Floats]
@@ -133,7 +133,7 @@ class PixelsOnWorkers(PixelsHere):
         """What `work` gives of each part, in their order."""
         rendering, pixels = self.rendering, PlainPixels.of(drawn)
         shading, chunks = rendering.shading, len(pixels.photograph) // CHUNK
-        state = State(
+        state = StepState(
             rendering.field.at(self.nodes), np.array(shading.gloss), rendering.softness, shading.lamps, shading.unknown,
             rendering.strengths, rendering.shadows,
         )  # fmt: skip
@@ -146,7 +146,7 @@ class PixelsOnWorkers(PixelsHere):
 _held: list[tuple[str, MatterField]] = []  # one field at most, by its key
 
 
-def _rendering(held: HeldMatter, state: State) -> Rendering:
+def _rendering(held: HeldMatter, state: StepState) -> Rendering:
     """On a worker: the field of a state, and what is seen of it."""
     if not _held or _held[0][0] != held.key:
         _held.clear()  # before another one takes memory
@@ -158,7 +158,7 @@ def _rendering(held: HeldMatter, state: State) -> Rendering:
 
 
 def gradient_of_part(
-    held: HeldMatter, state: State, pixels: PlainPixels, count: int, limit: float, with_light: bool
+    held: HeldMatter, state: StepState, pixels: PlainPixels, count: int, limit: float, with_light: bool
 ) -> tuple[list[NDArray[np.int64]], Floats | None]:
     """On a worker: gradients by the nodes that move, in whole numbers, and the light of the pixels, if wanted."""
     rendering, drawn = _rendering(held, state), pixels.drawn()
@@ -168,7 +168,7 @@ def gradient_of_part(
     return sums, light.plain(len(pixels.photograph)) if with_light else None
 
 
-def slopes_of_part(held: HeldMatter, state: State, pixels: PlainPixels) -> Slopes:
+def slopes_of_part(held: HeldMatter, state: StepState, pixels: PlainPixels) -> Slopes:
     """On a worker: slopes of some pixels."""
     return slopes_of(_rendering(held, state), pixels.drawn())
 

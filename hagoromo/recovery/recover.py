@@ -80,18 +80,18 @@ class RecoverySettings:
             raise InputError("keep is 1: every photograph would be kept aside; give 2 or more, or 0 for none")
 
 
-class Run(NamedTuple):
+class RecoveryRun(NamedTuple):
     """progress: of the work. work: file of what was found. workers: who compute what pixels of a step ask for."""
 
     progress: Progress
     work: Work
     workers: Workers = Here()
 
-    def part(self, first: float, share: float, name: str = "") -> Run:
+    def part(self, first: float, share: float, name: str = "") -> RecoveryRun:
         """That of a part of the work."""
         return self._replace(progress=part_of(self.progress, first, share, name))
 
-    def without_file(self) -> Run:
+    def without_file(self) -> RecoveryRun:
         """One that begins anew and keeps nothing."""
         return self._replace(work=Work(None, (), {}))
 
@@ -133,14 +133,16 @@ def recover(
     _check_light_of(settings, lit)
     kept_work = Work(None if work is None else Path(work), photographs, asdict(settings))
     with here_or_on(scheduler) as workers:
-        matter, look, run = _first_looks(used, settings, lit, Run(progress, kept_work, workers))
+        matter, look, run = _first_looks(used, settings, lit, RecoveryRun(progress, kept_work, workers))
         found = _recovered(used, kept, settings, matter, look, run)
     if found.complete:
         kept_work.end()
     return replace(found, name=taken.name, assumptions=dict(taken.assumptions))
 
 
-def _first_looks(used: Views, settings: RecoverySettings, lit: bool, run: Run) -> tuple[FoundMatter, Look, Run]:
+def _first_looks(
+    used: Views, settings: RecoverySettings, lit: bool, run: RecoveryRun
+) -> tuple[FoundMatter, Look, RecoveryRun]:
     """The law of the matter, what is estimated beside the object, and the run of what is left to be done."""
     coarse = replace(settings, side=min(SIDE, settings.side), errors=False)
     matter = FoundMatter("fuzzy" if settings.matter == "fuzzy" else "surface")
@@ -175,7 +177,7 @@ def _recovered(
     settings: RecoverySettings,
     matter: FoundMatter,
     look: Look,
-    run: Run,
+    run: RecoveryRun,
 ) -> Recovered:
     """What is recovered of views that are used, by what first looks found."""
     run.progress(0.0, "hull")
@@ -242,7 +244,7 @@ def _check_room(law: Law, side: int, lattice: Lattice) -> None:
         )
 
 
-def _halves(whole: Levels, settings: RecoverySettings, law: Law, run: Run) -> list[MatterShape]:
+def _halves(whole: Levels, settings: RecoverySettings, law: Law, run: RecoveryRun) -> list[MatterShape]:
     """What each half of the photographs gives, from which the errors of what all gave follow."""
     halves, work = [], run.work
     for number, (name, views) in enumerate(zip(HALVES, halves_of(whole.views), strict=True)):

@@ -40,7 +40,7 @@ ADVICE = (
 )
 
 
-class Solution(NamedTuple):
+class SourceStrengths(NamedTuple):
     """Strengths (k,) of sources and their covariance; explained: fall of χ²; mean: (k,) in shadows, of strength 1."""
 
     strength: Array
@@ -73,7 +73,7 @@ class ShadowLight:
         there = self.square[0, :, source, source]
         return there > 1e-3 * there.max(initial=0.0)
 
-    def solved(self, sources: Sequence[int]) -> Solution | None:
+    def solved(self, sources: Sequence[int]) -> SourceStrengths | None:
         """The strengths of some sources, without the others; None where they look the same, or too few tiles show the
         first.
         """
@@ -139,7 +139,7 @@ class ShadowLight:
         return f"shadows hold {100 * self.dark / self.lit:.2g} % of the light where a lamp shines"
 
 
-def _least_squares(square: Array, towards: Array, mean: Array) -> Solution | None:
+def _least_squares(square: Array, towards: Array, mean: Array) -> SourceStrengths | None:
     """Of tiles (T, k, k) and (T, k), with errors by their residuals, at least those by noise."""
     whole = square.sum(axis=0)
     size = np.sqrt(np.diagonal(whole))
@@ -151,7 +151,7 @@ def _least_squares(square: Array, towards: Array, mean: Array) -> Solution | Non
     covariance = len(off) / (len(off) - len(strength)) * inverse @ (off.T @ off) @ inverse
     # tiles may agree by chance, beyond what noise allows
     wider = np.sqrt(np.maximum(np.diagonal(inverse) / np.maximum(np.diagonal(covariance), 1e-300), 1.0))
-    return Solution(strength, covariance * np.outer(wider, wider), float(strength @ towards.sum(axis=0)), mean)
+    return SourceStrengths(strength, covariance * np.outer(wider, wider), float(strength @ towards.sum(axis=0)), mean)
 
 
 def shadow_light(capture: Capture, normal_map: NormalMap, own: Sequence[NDArray[np.floating]]) -> ShadowLight:
