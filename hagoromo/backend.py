@@ -29,6 +29,9 @@ Array4u: TypeAlias = Any
 
 X86 = ("x86_64", "AMD64", "i386", "i686")
 BACKENDS = ("cuda", "metal", "llvm")
+LEAST_THREADS = (
+    2  # of kernels: one alone is Python's own, in which numbers below 1e-38 are not taken for 0 as in others
+)
 ALIGNMENT = 64  # bytes, of Dr.Jit's own memory: the widest vector of 16 floats
 MOST_ENTRIES = 2**32 - 1  # largest number of entries of an array, whose indices have 32 bits
 OLDEST_LLVM = 17  # oldest version on x86: with older ones, kernels with a maximum or arctan2 abort (Dr.Jit 1.5)
@@ -65,7 +68,19 @@ def name() -> str:
 @cache
 def arrays() -> ModuleType:
     """The Dr.Jit namespace of the backend in use (`Float`, `UInt`, `Array3f`, ...), with derivatives."""
+    if name() == "llvm":
+        import drjit as dr
+
+        set_threads(dr.thread_count())
     return importlib.import_module(f"drjit.{name()}.ad")
+
+
+def set_threads(count: int) -> None:
+    """Have kernels of the CPU run in `count` threads, at least LEAST_THREADS: their bits are then the same."""
+    import drjit as dr
+
+    if dr.thread_count() != max(count, LEAST_THREADS):
+        dr.set_thread_count(max(count, LEAST_THREADS))
 
 
 def mitsuba() -> ModuleType:

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, Protocol
 
+from hagoromo.backend import set_threads
 from hagoromo.cluster.connection import FORMS, THREADS, check_version, connected, cores, shown, started
 from hagoromo.errors import InputError
 from hagoromo.files.stores import keep_fetched
@@ -179,12 +180,9 @@ def _set_threads() -> None:
     """As many threads of kernels as the worker's environment asks for."""
     stated = os.environ.get(THREADS, "")
     if stated:
-        import drjit as dr
-
         if not (stated.isdigit() and 1 <= int(stated) <= 1024):
             raise InputError(f"{THREADS} is {stated!r} on a worker: set it to a number of threads, or unset it")
-        if dr.thread_count() != int(stated):
-            dr.set_thread_count(int(stated))
+        set_threads(int(stated))
 
 
 @contextmanager

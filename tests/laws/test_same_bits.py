@@ -7,7 +7,7 @@ import drjit as dr
 import numpy as np
 import pytest
 
-from hagoromo.backend import arrays
+from hagoromo.backend import arrays, set_threads
 from hagoromo.camera.camera import Camera
 from hagoromo.image.render import render
 from hagoromo.image.scene import Scene
@@ -45,3 +45,13 @@ def test_threads_change_no_bit(threads):
     again, same = made()
     assert np.array_equal(same, picture) and picture.max() > 0.0
     assert all(np.array_equal(a, b) for a, b in zip(again.bricks.dense(), box.bricks.dense(), strict=True))
+
+
+def test_numbers_too_small_for_a_float_are_0_with_any_number_of_threads(threads):
+    """A thread alone is Python's own, which keeps them: cloth of texels had other bits on workers of one thread."""
+    found = []
+    for count in (1, 2):
+        set_threads(count)
+        small = dr.opaque(arrays().Float, 1e-30, 100_000)
+        found.append(np.array(small * 1e-10 * 1e30))
+    assert np.array_equal(found[0], found[1]) and not found[0].any()
