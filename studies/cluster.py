@@ -43,9 +43,14 @@ def cluster_study(
         if demo is not None:
             figure = figure_rows(demo, scratch, hg.part_of(progress, 0.5, 0.5))
             orders = {"full": full_rows(scratch), "figure": figure}
-        by = orders["figure"] or figure_of_modes(BOXES_BYTES, PREPARE_S)
-        paper = on_paper(by, here["task"]["cpu_s"]) | {"by": by}
-        record = {"hagoromo": hg.__version__, "here": here, **orders, "paper": paper, "simulated": simulated(here)}
+        modes = figure_of_modes(BOXES_BYTES, PREPARE_S)
+        paper, by_modes = (
+            on_paper(by, here["task"]["cpu_s"]) | {"by": by} for by in (orders["figure"] or modes, modes)
+        )
+        record = {
+            "hagoromo": hg.__version__, "here": here, **orders, "paper": paper, "by_modes": by_modes,
+            "simulated": simulated(here),
+        }  # fmt: skip
         hg.write_json(home / ORDERS_ROWS.name, orders)
         for path in sorted(scratch.rglob("*"), reverse=True):
             path.rmdir() if path.is_dir() else path.unlink()

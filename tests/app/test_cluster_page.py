@@ -33,6 +33,8 @@ FIGURE = {
     "boxes_bytes": 1_000_000, "load": 1.0, "cores": 2,
 }  # fmt: skip
 
+OF_MODES = FIGURE | {"walks_for_error": 48000.0, "size": [192, 128]}
+
 
 @pytest.mark.parametrize("workers", [1, 4, 40, 80])
 def test_with_nothing_shared_time_is_work_over_workers(workers):
@@ -77,6 +79,7 @@ def test_the_page_has_the_figures_of_its_record(tmp_path):
         "full": FULL,
         "figure": FIGURE,
         "paper": on_paper(FIGURE, 1e-3) | {"by": FIGURE},
+        "by_modes": on_paper(OF_MODES, 1e-3) | {"by": OF_MODES},
     }
     write_cluster_page(tmp_path, record | {"simulated": simulated(HERE)})
     page = (tmp_path / "cluster.md").read_text(encoding="utf-8")
@@ -85,6 +88,7 @@ def test_the_page_has_the_figures_of_its_record(tmp_path):
         and "| 2 | one, at the first task | the same | 8 |  | 2.0 |" in page
     )
     assert "these are 200 hours of CPU: 4.17 d on two cores" in page
+    assert "192 × 128 pixels" in page and "it would be 400 hours of CPU." in page
     assert "| 2 | one, at the first tile | the same | 80 | 3.00 |" in page
     assert page.count("| 1000 |") == 4 and (tmp_path / "cluster.png").stat().st_size > 10_000
 
