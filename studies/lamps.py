@@ -30,7 +30,11 @@ CLIPPED_LEVEL = 250  # of 255: clipped, or nearly
 
 
 def lamp_study(folder: str | Path) -> dict[str, Any]:
-    """The record of the study: `readings`, mean and largest angle [°] of each pair, and `objects`."""
+    """The record of the study: `readings`, mean and largest angle [°] of each pair, and `objects`.
+
+    Of each lamp of the chrome ball: `stated_deg`, its standard error, and `from_laboratory_deg`, by what our reading
+    differs from the laboratory's [°].
+    """
     home = Path(folder)
     ball, lamps = read_lamps(home)
     ours = np.array([lamp.to_lamp for lamp in lamps])
@@ -51,11 +55,15 @@ def lamp_study(folder: str | Path) -> dict[str, Any]:
         shading = self_calibrate(light, mask)
         objects[name] = _beside(refined_lamps(light, mask, None, shading), ours)
         objects[name]["by_shading_alone"] = _beside(shading, ours)
-    return {"ball": ball.record(), "readings": pairs, "objects": objects}
+    stated = [lamp.standard_error_deg for lamp in lamps]
+    apart = _each(ours, readings["laboratory"]).tolist()
+    return {
+        "ball": ball.record(), "readings": pairs, "stated_deg": stated, "from_laboratory_deg": apart, "objects": objects
+    }  # fmt: skip
 
 
 def _beside(calibration: hg.SelfCalibration, ours: Array) -> dict[str, Any]:
-    within = np.degrees(np.arccos(np.clip(np.sum(calibration.to_lamp * ours, axis=1), -1.0, 1.0)))
+    within = _each(calibration.to_lamp, ours)
     return {
         **_angles(calibration.to_lamp, ours),
         "stated_deg": float(calibration.standard_error_deg.mean()),
@@ -83,9 +91,14 @@ def _mask(home: Path, name: str) -> NDArray:
     return mask.reshape(*mask.shape[:2], -1)[..., :3].max(axis=2)
 
 
-def _angles(one: Array, other: Array) -> dict[str, float]:
+def _each(one: Array, other: Array) -> Array:
+    """Angles between the directions of two readings [°]."""
     cosine = np.sum(one * other, axis=1) / np.linalg.norm(one, axis=1) / np.linalg.norm(other, axis=1)
-    angles = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
+    return np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
+
+
+def _angles(one: Array, other: Array) -> dict[str, float]:
+    angles = _each(one, other)
     return {"mean_deg": float(angles.mean()), "largest_deg": float(angles.max())}
 
 

@@ -105,6 +105,11 @@ def test_independent_readings_of_real_lamps_agree_to_what_is_stated():
     much), and six what a surface and its gloss make of it; the matte ball, whose limb is brighter than any law of ours,
     is the worst. Nineteen lamps in twenty are within two stated errors. Shading of the matte ball by Lambert's law,
     which it does not keep, reads 3° beside the chrome ball.
+
+    Of the chrome ball we and the laboratory read each lamp alike, within what we state: 0.65 to 0.83°, most of it of
+    the ball's outline, which all lamps share. Where the clipped image is no ellipse we read its widest part, which lies
+    0.17 px in the mean from the middle of the faint light around it; the centroid, which the laboratory seems to have
+    taken, 0.27 px.
     """
     from studies.lamps import lamp_study
 
@@ -115,5 +120,6 @@ def test_independent_readings_of_real_lamps_agree_to_what_is_stated():
     assert np.mean(means) < 0.75 * np.mean(alone)
     assert np.mean([found["within_two_errors"] for found in study["objects"].values()]) > 0.95
     readings = study["readings"]
-    assert readings["chrome ball – laboratory"]["largest_deg"] < 0.55
+    assert (np.array(study["from_laboratory_deg"]) < study["stated_deg"]).all()
+    assert readings["chrome ball – laboratory"]["mean_deg"] < 0.5
     assert readings["chrome ball – matte ball"]["mean_deg"] < 3.5
