@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hagoromo.errors import InputError
+from hagoromo.files.cache import cache
 from hagoromo.files.record import read_toml
 from hagoromo.image.image import Image
 from hagoromo.image.march_picture import picture
@@ -34,6 +35,7 @@ def render(
     """The image that the scene's camera would see, as weights.
 
     scene: a `Scene`, or the path of a scene TOML, which is then rendered as it states unless `settings` are given.
+    In mode full the light of a scene file is kept for the next picture of it, see `hagoromo cache`.
     scheduler: a number of processes, "local", or the address of a Dask scheduler ("tls://host:8786", or a
     `TrustedScheduler`), whose workers render the tiles of a scene file; the bits are the same. `InputError` for a file
     that describes no scene, and a scheduler that does not answer or that nobody vouches for.
@@ -56,6 +58,7 @@ def render(
     ((7, 9, 2), 0.5)
     """
     check_mode(settings or Settings(), mode)
+    kept = cache() if mode == "full" and not isinstance(scene, Scene) else None
     if unfinished is not None and mode != "path":
         raise InputError(f"mode is {mode!r}: only pictures of mode path are resumed")
     motion = None if isinstance(scene, Scene) else motion_with_shutter(scene)
@@ -82,7 +85,7 @@ def render(
         loaded, stated = load_for_picture(scene, settings, loading) if mode == "march" else load_scene(scene, loading)
         scene, settings = loaded, settings or stated
     settings = settings or Settings()
-    image = picture_of_mode(mode, scene, settings, SceneCache(), progress, unfinished)
+    image = picture_of_mode(mode, scene, settings, SceneCache(kept), progress, unfinished)
     if not layers:
         return image
     from hagoromo.image.layers import with_layers

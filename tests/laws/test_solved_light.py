@@ -86,6 +86,31 @@ def test_light_that_is_read_has_the_bits_of_light_that_is_solved(place, solving,
         assert image.weights.tobytes() == expected.weights.tobytes() and image.metadata == expected.metadata
 
 
+def test_the_next_picture_of_a_scene_file_takes_the_light_of_the_one_before(place, solving, tmp_path):
+    """By another camera and more rays; a scene that is no file solves for itself, as studies that take its time do."""
+    box_of().save(tmp_path / "box.zarr")
+    lines = """
+        [camera]
+        size = [13, 11]
+        focal = [15, 15]
+        eye = [{eye}, -2.4, 1.6]
+        target = [0.3, 0.2, 0.5]
+        [[lamp]]
+        to_lamp = [0.48, -0.6, 0.64]
+        intensity = 1.0
+        [[box]]
+        file = "box.zarr"
+        """
+    pictures, scene = [], tmp_path / "scene.toml"
+    for eye in (2.2, -2.2, -2.2):
+        scene.write_text(lines.format(eye=eye), encoding="utf-8")
+        given = scene if len(pictures) < 2 else hg.load_scene(scene)[0]
+        pictures.append(hg.render(given, SOLVED, mode="full"))
+    assert len(solving) == 2  # the first and the last
+    assert not np.array_equal(pictures[0].weights, pictures[1].weights)
+    np.testing.assert_array_equal(pictures[1].weights, pictures[2].weights)
+
+
 def test_what_light_depends_on_is_solved_anew(place, solving):
     """Another lamp, density of one voxel, colour, place, order of light or seed; a camera and rays do not count."""
     plain, moved = scene_of(), np.eye(4)
