@@ -19,7 +19,7 @@ from hagoromo.recovery.object_view import ObjectView
 from hagoromo.recovery.pixel_table import CHUNK, PixelTable
 from hagoromo.recovery.work import Checkpoint
 
-COARSEST = 32  # nodes along the longest edge of the first level
+COARSEST, LEAST = 32, 16  # nodes along the longest edge of the first level; and where it is the first of two
 FOOTPRINT = 2.5  # pixels of a voxel's edge, at least, that pixels are not joined for
 MODEL_ERROR, LAST_MODEL_ERROR = 0.02, 0.01  # relative error of the model, of coarse levels and of the last one
 SOFTNESS, LAST_SOFTNESS = (1.0, 0.33), (0.6, 0.2)  # s at begin and end of a level, and of the last one [voxel]
@@ -137,8 +137,11 @@ class Levels:
 
 
 def sides_of(finest: int) -> list[int]:
-    """Nodes along the longest edge of all levels: each has voxels of half the edge of the one before."""
+    """Nodes along the longest edge of all levels: each has voxels of half the edge of the one before.
+
+    The last halving of the voxel shows the error of the lattice, and a coarse level finds what a fine one does not.
+    """
     levels = [finest]
-    while (levels[0] + 1) // 2 >= COARSEST:
-        levels.insert(0, (levels[0] + 1) // 2)
+    while (coarser := (levels[0] + 1) // 2) >= (LEAST if len(levels) == 1 else COARSEST):
+        levels.insert(0, coarser)
     return levels

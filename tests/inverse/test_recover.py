@@ -12,6 +12,7 @@ from hagoromo.recovery.errors import NEAR, errors_of
 from hagoromo.recovery.evidence import Evidence
 from hagoromo.recovery.export import conserving
 from hagoromo.recovery.lamp_places import LampPlaces
+from hagoromo.recovery.levels import sides_of
 from hagoromo.recovery.recover import halves_of
 from hagoromo.recovery.recovered import score
 from hagoromo.recovery.silhouettes import views_of
@@ -155,7 +156,7 @@ def test_one_seed_gives_the_same_bits_whatever_the_cores():
 
 
 def test_errors_of_places_are_about_those_that_there_are(taken, aside):
-    """On one level of the lattice, so that its own error is not in them: that of normals is."""
+    """Of the surface on a lattice of 32 nodes; every pixel that shows one smooth part has an error."""
     found = hg.recover(taken.capture, replace(SETTINGS, steps=30, errors=True))
     errors, near = found.errors, np.abs(found.distance) < NEAR
     assert errors is not None
@@ -166,13 +167,25 @@ def test_errors_of_places_are_about_those_that_there_are(taken, aside):
         there = np.isfinite(normals[..., 0]) & (opacity > 0.9)
         angles.append(np.arccos(np.clip((own * normals)[there].sum(axis=1), -1.0, 1.0)))
         stated.append(errors.normal.ravel()[found.places(photograph)[0][there]])
-        assert np.isfinite(stated[-1]).mean() > 0.995  # but for pixels that show two parts, one behind the other
+        whole = np.isfinite(stated[-1])  # but for pixels that show two parts, one behind the other
+        assert whole.mean() > 0.99 and whole[~edges(normals)[there]].all()
     ratio = np.sqrt(np.mean(np.concatenate(angles) ** 2) / np.nanmean(np.concatenate(stated) ** 2))
     assert 0.4 < ratio < 2.0
     record = found.record()["errors"]
     assert record["position_m"][0] < record["position_m"][1] < VOXEL and record["never_shown"] < 0.2
     low, high = found.record()["material"]["interval_95"]["gamma"]
     assert low < 0.1 < high  # Truth().gamma
+
+
+def edges(normals):
+    """Where true normals (h, w, 3) turn by more than 45° to one of the eight pixels around, or there is none."""
+    around = [np.roll(normals, (down, right), (0, 1)) for down in (-1, 0, 1) for right in (-1, 0, 1)]
+    return ~np.all([(each * normals).sum(axis=-1) > np.sqrt(0.5) for each in around], axis=0)
+
+
+def test_levels_halve_the_voxel_once_at_least():
+    """Where sixteen nodes are left: what the last halving changed is an error of the lattice."""
+    assert [sides_of(n) for n in (30, 31, 48, 64, 128)] == [[30], [16, 31], [24, 48], [32, 64], [32, 64, 128]]
 
 
 def test_halves_of_the_photographs_widen_the_gloss():
