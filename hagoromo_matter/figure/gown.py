@@ -15,14 +15,16 @@ from hagoromo_matter.figure.mannequin import arm, trunk
 from hagoromo_matter.figure.pose import WELCOME, Pose
 
 CLOTH = ClothMechanics(bending=2.0, friction=0.25, clear=0.6)
+# the rows above the chest, of every tunic: the last one lies close around the neck and its muscles, and is held there
+NECKLINE = TubeRow(226, 116, 112, 0.6, 3), TubeRow(237, 77, 77, 0.7, 2.8)
+NECK, TILT = 219.0, 7.5  # height of the upper hem, and how much higher it is behind
 # from the hem up: skirt, waist, bodice, neck
 GOWN = (
     TubeRow(0, 430, 235, 0.9, 2), TubeRow(56, 370, 200, 0.85, 1), TubeRow(146, 240, 135, 0.75, 1),
     TubeRow(176, 175, 112, 0.75, 1),
-    TubeRow(211, 150, 130, 0.65, 2), TubeRow(226, 116, 112, 0.6, 3), TubeRow(237, 60, 58, 0.95, 2.6),
+    TubeRow(211, 150, 130, 0.65, 2), *NECKLINE,
 )  # fmt: skip
 WAIST, BELTED = 176.0, 3.5  # along the gown, and half the height that is drawn in
-NECK, TILT = 219.0, 7.5  # height of the upper hem, and how much higher it is behind
 SASH = TubeRow(0, 113, 124, 0.75, 1), TubeRow(7.5, 113, 124, 0.75, 1)
 SASH_AT = 166.5, 173.5
 SHORT = 0.8  # s, fall of what is put on with points so near that an arm does not slip between them

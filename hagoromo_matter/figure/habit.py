@@ -16,7 +16,7 @@ from hagoromo_matter.drape.dressed import dressed, put_on
 from hagoromo_matter.drape.settle import ClothMechanics, Fall
 from hagoromo_matter.drape.sheet import Sheet
 from hagoromo_matter.drape.tube import Folds, TubeRow, upper_hem, upright
-from hagoromo_matter.figure.gown import SASH, SASH_AT, SHORT, sleeve
+from hagoromo_matter.figure.gown import NECK, NECKLINE, SASH, SASH_AT, SHORT, TILT, sleeve
 from hagoromo_matter.figure.mannequin import arm, trunk
 from hagoromo_matter.figure.pose import PRAYER, Pose
 
@@ -25,10 +25,9 @@ BUST, STEP = 5.8, (-1.0, -5.0, 0.5)  # of the mannequin
 TUNIC = (
     TubeRow(0, 440, 235, 0.9, 2), TubeRow(56, 375, 200, 0.85, 1), TubeRow(146, 240, 135, 0.75, 1),
     TubeRow(176, 165, 112, 0.75, 1),
-    TubeRow(211, 148, 130, 0.65, 2), TubeRow(226, 116, 112, 0.6, 3), TubeRow(237, 60, 58, 0.95, 2.6),
+    TubeRow(211, 148, 130, 0.65, 2), *NECKLINE,
 )  # fmt: skip
 WAIST, BELTED = 176.0, 3.0  # along the tunic, and half the height that is drawn in
-NECK, TILT = 219.0, 7.5  # height of the upper hem, and how much higher it is behind
 HABIT_SLEEVE = (
     TubeRow(0, 48, 47),
     TubeRow(18, 62, 58),

@@ -26,9 +26,11 @@ from hagoromo_matter.drape.hanging import hanging
 from hagoromo_matter.drape.settle import ClothMechanics, Fall, settled
 from hagoromo_matter.drape.sheet import Sheet
 from hagoromo_matter.drape.sheet_chart import sheet_chart
+from hagoromo_matter.drape.tube import Folds, upper_hem, upright
 from hagoromo_matter.figure import wardrobe
 from hagoromo_matter.figure.garment import garments
-from hagoromo_matter.figure.habit import BUST, STEP
+from hagoromo_matter.figure.gown import CLOTH, GOWN, NECK, TILT
+from hagoromo_matter.figure.habit import BUST, STEP, TUNIC, WOOL
 from hagoromo_matter.figure.mannequin import trunk
 from hagoromo_matter.figure.pose import PRAYER, WELCOME
 from hagoromo_matter.solid.solid import MeshSurface
@@ -371,6 +373,14 @@ def test_a_hanging_piece_keeps_the_length_of_its_rows_and_opens_to_the_hem():
     assert (sheet.points[..., 2].min(), sheet.points[..., 2].max()) == (0.0, 37.0)
     upper, lower = np.ptp(sheet.points[-1, :, 0]), np.ptp(sheet.points[0, :, 0])
     assert upper < lower < 41.0  # gathered above
+
+
+@pytest.mark.parametrize(("rows", "fabric", "pose"), [(GOWN, CLOTH, WELCOME), (TUNIC, WOOL, PRAYER)])
+def test_necklines_are_held_outside_the_neck_and_its_muscles(rows, fabric, pose):
+    """What is held stays where it begins, inside a body or not: as far from the trunk as cloth is kept, and close."""
+    hem = upright(rows, (1.0, NECK), TILT, Folds(17, 1), held=upper_hem).sheet(1.6).points[-1]
+    distance = np.array(trunk(in_space(hem), pose))
+    assert fabric.clear - 0.01 < distance.min() and distance.max() < fabric.clear + 1.5
 
 
 @pytest.mark.slow  # half a minute each
