@@ -38,12 +38,12 @@ SLEEVE_GAP = 0.8  # from each sleeve to the middle, so that they do not pass thr
 COLLAR = (
     TubeRow(0, 172, 166, 0.72, 2),
     TubeRow(24, 112, 108, 0.7, 3),
-    TubeRow(34, 56, 55, 0.9, 2),
-    TubeRow(40, 46, 46, 1.0, 0.5),
+    TubeRow(39, 56, 55, 0.9, 2),
+    TubeRow(45, 46, 46, 1.0, 0.5),
 )
-COLLAR_AT, COLLAR_TILT = (208.0, 235.0), 17.0  # beside the neck above the coif's lower hem, in front below the chin
+COLLAR_AT, COLLAR_TILT = (208.0, 240.0), 27.0  # beside the neck above the coif's lower hem, in front below the chin
 COIF = 100.0, 25.0  # around it behind, and from the edge of the face backwards
-FACE = (0.0, -9.5, -4.6), (10.2, 13.4)  # of the head: middle and half sizes of the edge of the face
+FACE = (0.0, -9.5, -5.3), (10.2, 14.1)  # of the head: middle and half sizes of the edge of the face
 WIDER, HIGHER, OPENED = 1.36, 1.144, 20.0  # behind than at the face, from this far back
 AT_FACE = 0.75  # its width there, of its width behind
 THROAT = (1.7, 2.6), (-0.1, -0.9)  # angles between which it comes under the chin, and its way (y, z) there

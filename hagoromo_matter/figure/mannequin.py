@@ -7,7 +7,7 @@ from typing import Any
 import drjit as dr
 
 from hagoromo.matter.shape import capsule, ellipsoid, mirrored, placed, smooth_union, sphere
-from hagoromo_matter.figure.head import ear
+from hagoromo_matter.figure.head import SEAMS, ear, skull
 from hagoromo_matter.figure.pose import Point, Pose
 
 ROOM = 0.5  # from the skin of the neck to the mannequin's
@@ -43,11 +43,11 @@ def neck(point: Any, pose: Pose) -> Any:
 
 
 def head(point: Any, pose: Pose) -> Any:
-    """Skull, jaw and hair as one egg, and the ears."""
+    """Skull, jaw and hair as one egg, the face's bones, whose chin stands out of it, and the ears."""
     p = placed(point, pose.head, pose.nod)
-    skull = ellipsoid(p, (0.0, 2.0, 4.0), (13.8, 16.8, 14.7))
-    egg = smooth_union(skull, ellipsoid(p, (0.0, -5.0, -6.0), (9.6, 10.8, 13.0)), 6.0)
-    return smooth_union(egg, ear(mirrored(p)), 2.0)
+    hair = ellipsoid(p, (0.0, 2.0, 4.0), (13.8, 16.8, 14.7))
+    egg = smooth_union(hair, ellipsoid(p, (0.0, -5.0, -6.0), (9.6, 10.8, 13.0)), 6.0)
+    return smooth_union(smooth_union(egg, skull(mirrored(p, SEAMS[0])), 3.0), ear(mirrored(p)), 2.0)
 
 
 def legs(point: Any, pose: Pose, step: Point = KNEE_STEP) -> Any:

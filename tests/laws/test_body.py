@@ -137,6 +137,7 @@ def test_a_hand_turns_its_palm_and_its_thumb():
     ("skin", "worn", "pose", "low", "high"),
     [
         (bust, trunk, WELCOME, (-26.0, -16.0, 196.5), (26.0, 20.0, 226.0)),  # up to the nun's collar
+        (bust, trunk, PRAYER, (-16.0, -16.0, 226.0), (16.0, 24.0, 234.0)),  # chin, throat and nape under her coif
         (arms, lambda p, pose: arm(p, pose, 1.0), PRAYER, (6.0, -33.0, 158.0), (44.0, 6.0, 180.0)),  # to the cuff
         (arms, lambda p, pose: arm(p, pose, 1.0), WELCOME, (30.0, -22.0, 150.0), (50.0, 6.0, 172.0)),
     ],

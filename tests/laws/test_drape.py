@@ -28,9 +28,10 @@ from hagoromo_matter.drape.sheet import Sheet
 from hagoromo_matter.drape.sheet_chart import sheet_chart
 from hagoromo_matter.drape.tube import Folds, upper_hem, upright
 from hagoromo_matter.figure import wardrobe
+from hagoromo_matter.figure.body import bust
 from hagoromo_matter.figure.garment import garments
 from hagoromo_matter.figure.gown import CLOTH, GOWN, NECK, TILT
-from hagoromo_matter.figure.habit import BUST, STEP, TUNIC, WOOL
+from hagoromo_matter.figure.habit import BUST, LINEN, STEP, TUNIC, WOOL, _coif
 from hagoromo_matter.figure.mannequin import trunk
 from hagoromo_matter.figure.pose import PRAYER, WELCOME
 from hagoromo_matter.solid.solid import MeshSurface
@@ -381,6 +382,13 @@ def test_necklines_are_held_outside_the_neck_and_its_muscles(rows, fabric, pose)
     hem = upright(rows, (1.0, NECK), TILT, Folds(17, 1), held=upper_hem).sheet(1.6).points[-1]
     distance = np.array(trunk(in_space(hem), pose))
     assert fabric.clear - 0.01 < distance.min() and distance.max() < fabric.clear + 1.5
+
+
+def test_the_coif_is_held_under_the_chin_and_not_in_it():
+    """Its edge, from 120° to either side of the top of the face on, is half a millimetre and more out of the skin."""
+    edge = _coif(PRAYER).sheet(1.1).points[0]
+    below = np.abs(np.linspace(-180.0, 180.0, len(edge), endpoint=False)) > 120.0
+    assert np.array(bust(in_space(edge[below]), PRAYER)).min() > LINEN.clear
 
 
 @pytest.mark.slow  # half a minute each
