@@ -74,6 +74,19 @@ def test_shadows_of_photographs_part_what_normals_join(shape, elevation):
     assert (np.array(found[1]) < (at_best + FALSE, MISSED, DEPTH)).all()
 
 
+@pytest.mark.nightly
+def test_steps_of_a_large_picture_are_where_its_own_pixels_show_them():
+    """Steps are sought on squares of two pixels; then each pixel beside them takes the side that its shadows show.
+
+    0.11 % of what is lit is in false shadow, by the true depth 0.06 %; with the squares' steps alone 0.27 %.
+    """
+    capture, seen, normals, camera, towards = solved(Cup(), 60.0, 160)
+    shadows = cast_shadows(normals, normals.views.valid(capture.photographs))
+    points = surface_of(normals, camera, AWAY, shadows=shadows).points
+    at_best, _ = judged(np.where(seen.known[..., None], seen.points, 0.0), seen, camera, towards)
+    assert judged(points, seen, camera, towards)[0] < at_best + 0.001
+
+
 def test_a_surface_without_steps_is_what_its_normals_give():
     """The same bits, whatever the photographs show of shadows."""
     camera = relief_camera(64)

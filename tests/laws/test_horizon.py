@@ -50,3 +50,14 @@ def test_nothing_stands_beside_the_outermost_pixel():
     camera, points, _ = wall(1e5, 9.0)
     (height,) = height_over_horizon(points, camera, (np.array([6]), np.array([70])), np.array([[0.8, 0.0, -0.6]]))
     assert height == np.pi
+
+
+def test_a_point_in_place_of_the_surface_is_shaded_as_it_stands():
+    """A pixel 4 px from the wall is in its shadow, and not where it is put as near to the eye as the wall's top."""
+    camera, points, _ = wall(1e5, 9.0)
+    pixels, to_lamp = (np.array([6]), np.array([14])), np.array([[-np.cos(0.5), 0.0, -np.sin(0.5)]])
+    (dark,), (same,), (lit,) = (
+        height_over_horizon(points, camera, pixels, to_lamp, shaded)
+        for shaded in (None, points[pixels], points[pixels] * (1.0 - 9.5 / 1e5))
+    )
+    assert dark == same < 0.0 < lit

@@ -39,6 +39,9 @@ NARROWER = 1.3  # by how much less stretched edges give way in each of the first
 LEAST_PART = 25  # pixels of a part that has a depth of its own
 WEAK = 1e-6  # weight of where a part is, in weights of bounds: it holds what no edge and no bound does
 HALF_LIGHT = np.radians(1.0)  # height of a lamp over the horizon from which all its light arrives, and none below −
+EVIDENT = (
+    0.25  # Σ of squared shares over lamps, of one half lit, by which a pixel's shadows must fit better across a step
+)
 BETTER = 0.8  # of the misfit of shadows by normals alone: with more nothing is changed
 
 
@@ -66,11 +69,20 @@ class CastShadows:
 
     def misfit(self, points: Array, camera: Camera) -> float:
         """Σ (predicted share − share)² over pixels, mean over the lamps, of shadows that `points` (h, w, 3) cast."""
-        lamp, pixel = np.nonzero(np.isfinite(self.share))
+        every = np.arange(len(self.rows))
+        return float(np.sum(self.misfits(points, camera, every))) / max(len(self.share), 1)
+
+    def misfits(self, points: Array, camera: Camera, chosen: NDArray[np.intp], shaded: Array | None = None) -> Array:
+        """(N,) Σ (predicted share − share)² over the lamps of the `chosen` pixels (N,), by their numbers.
+
+        shaded: (N, 3) [m], world, where they are in place of what `points` (h, w, 3) says.
+        """
+        lamp, one = np.nonzero(np.isfinite(self.share[:, chosen]))
+        pixel, there = chosen[one], None if shaded is None else shaded[one]
         places = self.rows[pixel], self.columns[pixel]
-        height = height_over_horizon(points, camera, places, self.to_lamp[lamp, pixel])
+        height = height_over_horizon(points, camera, places, self.to_lamp[lamp, pixel], there)
         arriving = np.clip(0.5 + 0.5 * height / HALF_LIGHT, 0.0, 1.0)
-        return float(np.sum((arriving - self.share[lamp, pixel]) ** 2)) / max(len(self.share), 1)
+        return np.bincount(one, (arriving - self.share[lamp, pixel]) ** 2, len(chosen))
 
 
 def cast_shadows(normal_map: NormalMap, trusted: NDArray[np.bool_]) -> CastShadows:
@@ -99,6 +111,7 @@ def separated(net: Graph, normals: NDArray[np.floating], camera: Camera, shadows
     found = [_separated(small, bounds, strength) for strength in STRENGTHS]
     best = found[int(np.argmin([there.misfit(one.points(seen_by), seen_by) for one in found]))]
     best = best if step == 1 else _refined(net, best, step, _bounds(net, camera, shadows))
+    best = _moved(best, camera, shadows, 2 * step)
     some = shadows.some(MOST_PIXELS)
     before, after = (some.misfit(one.points(camera), camera) for one in (net, best))
     return best if after < BETTER * before else None
@@ -203,6 +216,44 @@ def _opened(net: Graph, values: Array, bounds: Bounds, rounds: int = LAST_ROUNDS
         part = np.where(np.abs(stretch) > 1.0, 0.0, 1.0 / (1.0 + stretch**2))
         values = _solved(net, part, weak, values, bounds, net.step**-2)
     return _without_spikes(net.stepped(values))
+
+
+def _moved(net: Graph, camera: Camera, shadows: CastShadows, rounds: int) -> Graph:
+    """The graph whose pixels beside steps are on the side that their own shadows show, `rounds` pixels far at most.
+
+    Bounds find a step to a few pixels only, more where it was sought on wider ones, and normals alike on both sides say
+    nothing of its place: what is left on the wrong side stands out of the surface, in shadow or throwing it.
+    """
+    net, number = net.stepped(net.values), np.full(len(net.values), -1)
+    own = net.chords.index[shadows.rows, shadows.columns]
+    number[own[own >= 0]] = np.flatnonzero(own >= 0)
+    rows, columns = np.nonzero(net.chords.known)
+    ray = rays(camera, rows, columns) @ camera.camera_to_world[:3, :3].T
+    some = shadows.some(MOST_PIXELS)
+    least = some.misfit(net.points(camera), camera)
+    for _ in range(rounds):
+        across = np.flatnonzero(net.open == 0.0)
+        (one, two), wanted = net.chords.pair[across].T, net.chords.wanted[across]
+        pixel = np.concatenate([one, two])
+        there = np.concatenate([net.values[two] - wanted, net.values[one] + wanted])
+        part = net.parts
+        large = np.bincount(part)[part] >= LEAST_PART
+        usable = (number[pixel] >= 0) & large[np.concatenate([two, one])]
+        pixel, there = pixel[usable], there[usable]
+        points, chosen = net.points(camera), number[pixel]
+        beyond = ray[pixel] * np.exp(there)[:, None] + camera.position
+        gain = shadows.misfits(points, camera, chosen) - shadows.misfits(points, camera, chosen, beyond)
+        order = np.argsort(gain, kind="stable")[np.count_nonzero(gain <= EVIDENT) :]
+        if not len(order):
+            break
+        values = net.values.copy()
+        values[pixel[order]] = there[order]  # the best, last, stays
+        moved = _without_spikes(net.stepped(values))
+        misfit = some.misfit(moved.points(camera), camera)
+        if misfit >= least:
+            break
+        net, least = moved, misfit
+    return net
 
 
 def _without_spikes(net: Graph) -> Graph:

@@ -23,15 +23,20 @@ BELOW = -1.0  # cosine of the angle between horizon and eye where nothing stands
 
 
 def height_over_horizon(
-    points: NDArray[np.floating], camera: Camera, pixels: tuple[NDArray[np.intp], NDArray[np.intp]], to_lamp: Array
+    points: NDArray[np.floating],
+    camera: Camera,
+    pixels: tuple[NDArray[np.intp], NDArray[np.intp]],
+    to_lamp: Array,
+    shaded: NDArray[np.floating] | None = None,
 ) -> Array:
     """(P,) [rad] of the lamp over the horizon, π where nothing stands towards it.
 
     Both are angles from the line of sight, in the plane of lamp and eye: h = min over the path of ∠(S − X, eye) −
     ∠(lamp, eye), with S the surface along the path of the light in the picture. points: (h, w, 3) [m], world, 0 where
     unknown. pixels: rows and columns (P,). to_lamp: (P, 3) unit, world. What is hidden from the camera has no shadow.
+    shaded: (P, 3) [m], world, X in place of the points of the pixels, on their lines of sight.
     """
-    relief = SeenRelief(points, camera, pixels)
+    relief = SeenRelief(points, camera, pixels, shaded)
     lamp, here = to_lamp @ camera.world_to_camera[:3, :3].T, relief.here
     eye = -here / np.linalg.norm(here, axis=1, keepdims=True)
     across = np.array(camera.focal) * (lamp[:, :2] * here[:, 2:] - lamp[:, 2:] * here[:, :2])
@@ -47,14 +52,19 @@ class SeenRelief:
     """The depth of each pixel of a surface, along which paths in the picture are walked from some of its pixels."""
 
     def __init__(
-        self, points: NDArray[np.floating], camera: Camera, pixels: tuple[NDArray[np.intp], NDArray[np.intp]]
+        self,
+        points: NDArray[np.floating],
+        camera: Camera,
+        pixels: tuple[NDArray[np.intp], NDArray[np.intp]],
+        shaded: NDArray[np.floating] | None = None,
     ) -> None:
         """Arguments: see `height_over_horizon`."""
         jit, pose, known = arrays(), camera.world_to_camera[:3], np.linalg.norm(points, axis=2) > 0.0
         depth = points @ pose[2, :3] + pose[2, 3]
         middle = float(np.median(depth[known])) if known.any() else 1.0
         self.camera, self.size = camera, known.shape
-        self.here = points[pixels].astype(np.float64) @ pose[:, :3].T + pose[:, 3]  # (P, 3) [m], the camera's axes
+        here = points[pixels] if shaded is None else shaded
+        self.here = here.astype(np.float64) @ pose[:, :3].T + pose[:, 3]  # (P, 3) [m], the camera's axes
         # offsets from the middle, so that single precision holds differences between neighbours
         self._offset = column(jit.Float, np.where(known, depth - middle, 0.0).ravel().astype(np.float32))
         self._known = column(jit.Float, known.ravel().astype(np.float32))
