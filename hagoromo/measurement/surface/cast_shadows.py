@@ -82,7 +82,8 @@ class CastShadows:
         places = self.rows[pixel], self.columns[pixel]
         height = height_over_horizon(points, camera, places, self.to_lamp[lamp, pixel], there)
         arriving = np.clip(0.5 + 0.5 * height / HALF_LIGHT, 0.0, 1.0)
-        return np.bincount(one, (arriving - self.share[lamp, pixel]) ** 2, len(chosen))
+        squares = (arriving - self.share[lamp, pixel]) ** 2
+        return np.bincount(one, squares, len(chosen)).astype(np.float64)
 
 
 def cast_shadows(normal_map: NormalMap, trusted: NDArray[np.bool_]) -> CastShadows:
