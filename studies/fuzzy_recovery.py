@@ -17,13 +17,12 @@ from hagoromo.backend import vectors
 from hagoromo.camera.response import camera_white
 from hagoromo.image.relight.stage import basis_camera
 from hagoromo.recovery.choices import MatterChoice
-from hagoromo.recovery.export import conserving
 from hagoromo.recovery.fuzzy_shape import FuzzyShape
 from hagoromo.recovery.lattice import Lattice
 from hagoromo.recovery.shading import coordinates
 from studies.fuzzy_scenes import down, down_colours, feather, fur, fuzzy_simulated, linen, skin
 from studies.recover_scenes import Simulated, shots
-from studies.recovery_scores import covered, gloss_held, psnr, surface_errors
+from studies.recovery_scores import box_psnr, covered, gloss_held, psnr, surface_errors
 
 Array = NDArray[np.float64]
 SEED = 1
@@ -133,15 +132,7 @@ def measured_fuzzy(case: str) -> FuzzyRow:
     begin = time.process_time()
     found = hg.recover(capture.capture, settings)
     seconds, scores = time.process_time() - begin, (psnr(found, new), psnr(found, far))
-    shown, peak = found.box(), max(float(exact.max()) for exact in far.exact)
-    (_, dim), errors = conserving(found), []
-    for p, exact in zip(far.capture.photographs, far.exact, strict=True):
-        assert p.camera.response is not None
-        lamps = tuple(replace(lamp, intensity=float(np.mean(lamp.intensity)) / dim) for lamp in p.lamps)
-        image = hg.render(hg.Scene(p.camera, lamps, boxes=(shown,)), hg.Settings(samples=4))
-        errors.append(np.mean((image.expose(p.camera.response) - exact) ** 2))
-    through_box = float(10.0 * np.log10(peak**2 / np.mean(errors)))
-    row = FuzzyRow(case, given.side, found.matter, *scores, scores[1] - through_box, seconds)
+    row = FuzzyRow(case, given.side, found.matter, *scores, scores[1] - box_psnr(found, far), seconds)
     if not given.errors:
         return row
     true, hair = true_surface(given.made), given.made().materials[0]

@@ -48,6 +48,10 @@ class Truth:
         shape = sd.smooth_union(body, head, 0.008)
         return sd.smooth_union(sd.smooth_union(shape, arm, 0.006), other, 0.006)
 
+    def gloss(self, p: Any) -> tuple[Any, Any]:
+        """β and γ at points."""
+        return self.beta, self.gamma
+
     def colours(self, p: Any) -> list[Any]:
         """Body colour at points: three smooth patterns."""
         if self.flat:
@@ -245,7 +249,8 @@ def _seen(truth: Truth, origin: Any, direction: Any, lamp: hg.Lamp) -> tuple[lis
     distance = dr.norm(offset)
     to_lamp = offset / distance
     _, shaded = _met(truth, point + normal * 2e-5, to_lamp, distance)
-    weights = torrance_sparrow(normal, to_lamp, -direction, ALPHA, truth.beta, truth.gamma, truth.n)
+    beta, gamma = truth.gloss(point)
+    weights = torrance_sparrow(normal, to_lamp, -direction, ALPHA, beta, gamma, truth.n)
     arriving = dr.select(hit & ~shaded, float(np.max(lamp.intensity)) / (distance * distance), 0.0)
     return [arriving * (weights.body * c + weights.interface) for c in truth.colours(point)], hit
 

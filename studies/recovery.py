@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 import hagoromo as hg
 from hagoromo.backend import vectors
 from studies.fuzzy_recovery import FAR, FUZZY_CASES, NEAR, SEED, measured_fuzzy
+from studies.gloss_recovery import GLOSS_CASES, measured_gloss
 from studies.path_scenes import path_simulated, scanned
 from studies.real_captures import REAL
 from studies.recover_scenes import (
@@ -204,7 +205,7 @@ def main() -> None:
     """Run the study."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--only", nargs="*", default=[*CASES, *FUZZY_CASES])
+    parser.add_argument("--only", nargs="*", default=[*CASES, *FUZZY_CASES, *GLOSS_CASES])
     parser.add_argument("--data", type=Path, help="folder of real captures of unknown light")
     parser.add_argument("--real", nargs="*", default=list(REAL), choices=list(REAL), help="which of them")
     parser.add_argument("--refine", default="auto", help="of real captures: see `hagoromo recover`")
@@ -215,11 +216,12 @@ def main() -> None:
     truth = Truth()
     rows: list[dict[str, Any]] = []
     for name in given.only:
-        rows.append(
-            asdict(
-                measured_fuzzy(name) if name in FUZZY_CASES else measured(name, CASES[name], kept_aside(truth), truth)
-            )
-        )
+        if name in FUZZY_CASES:
+            rows.append(asdict(measured_fuzzy(name)))
+        elif name in GLOSS_CASES:
+            rows.append(asdict(measured_gloss(name)))
+        else:
+            rows.append(asdict(measured(name, CASES[name], kept_aside(truth), truth)))
         print(json.dumps(rows[-1]), flush=True)
     if given.data and given.scan:
         rows.append(asdict(measured_scan(given.data / SCAN, given.scan)))

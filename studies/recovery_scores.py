@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from statistics import NormalDist
 from typing import Any, NamedTuple
 
@@ -12,7 +13,9 @@ from scipy.spatial import KDTree
 
 import hagoromo as hg
 from hagoromo.backend import vectors
+from hagoromo.image.relight.stage import basis_camera
 from hagoromo.recovery.distance_field import DistanceField
+from hagoromo.recovery.export import conserving
 from studies.recover_scenes import Simulated
 
 Array = NDArray[np.float64]
@@ -106,3 +109,15 @@ def gloss_held(found: hg.Recovered, beta: float, gamma: float) -> bool:
     """Whether 95 % intervals of β and γ hold the truth."""
     interval = found.record()["material"]["interval_95"]
     return all(interval[k][0] <= v <= interval[k][1] for k, v in (("beta", beta), ("gamma", gamma)))
+
+
+def box_psnr(found: hg.Recovered, aside: Simulated, samples: int = 4) -> float:
+    """PSNR of all pictures together, made of the object's box by `render`, against exact light [dB]."""
+    shown, peak = found.box(), max(float(exact.max()) for exact in aside.exact)
+    (_, dim), response, errors = conserving(found), basis_camera(), []
+    for p, exact in zip(aside.capture.photographs, aside.exact, strict=True):
+        camera = p.camera if p.camera.response is not None else replace(p.camera, response=response, sensor=None)
+        lamps = tuple(replace(lamp, intensity=float(np.mean(lamp.intensity)) / dim) for lamp in p.lamps)
+        image = hg.render(hg.Scene(camera, lamps, boxes=(shown,)), hg.Settings(samples=samples))
+        errors.append(np.mean((image.expose(camera.response) - exact) ** 2))
+    return float(10.0 * np.log10(peak**2 / np.mean(errors)))

@@ -68,7 +68,7 @@ STUDIES: dict[str, Study] = {
     ),
     "recover": Study(
         "objects recovered from simulated and real photographs of many views, against views and lamps kept aside",
-        "an hour and a half",
+        "two hours",
         (_module("recovery", "--data", DATA, "--out", "out/recovery"),),
     ),
     "real-object": Study(

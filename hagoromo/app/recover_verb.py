@@ -15,7 +15,7 @@ from hagoromo.app.verb import Force, Out, Written, say, verb, verbs, wrote
 from hagoromo.errors import InputError
 from hagoromo.files.record import write_json
 from hagoromo.files.whole import replaceable_files, replaceable_folder, whole_files
-from hagoromo.recovery.choices import AUTO, Light, MatterChoice
+from hagoromo.recovery.choices import AUTO, GlossChoice, Light, MatterChoice
 
 
 def recovery_files(out: Path) -> Written:
@@ -37,6 +37,7 @@ def recover(
     light: Light = "auto",
     refine: str = AUTO,
     matter: MatterChoice = "surface",
+    gloss: GlossChoice = "one",
     resume: bool = False,
     scheduler: Scheduler = HERE,
     force: Force = False,
@@ -66,6 +67,9 @@ def recover(
             lamp. none: nothing. auto: a turn, where no lamps are known, if it predicts better.
         matter: surface; fuzzy: fibres without a surface, such as fur and down, a free density with axes and colours of
             its own; auto tries both on a coarse lattice and takes the one that predicts better.
+        gloss: of a surface under known lamps. one: the whole object has one; places: it has two, and each place has
+            shares of both, so that β and γ differ from place to place; auto tries both on a coarse lattice and takes
+            places if that predicts better.
         resume: go on from BOX.checkpoint.npz, with the same capture and options. The result has the same bits.
         scheduler: its workers take the pixels of each step; the result has the same bits.
     """
@@ -87,6 +91,7 @@ def recover(
         light=light,
         refine=refine,
         matter=matter,
+        gloss=gloss,
     )
     if not resume:
         checkpoint.unlink(missing_ok=True)
@@ -118,10 +123,17 @@ def summary(record: dict[str, Any]) -> list[str]:
     lines = [f"{record['photographs']} photographs, nodes of {1e3 * record['voxel_m']:.3g} mm"]
     if tried := record["matter_tried_db"]:
         lines.append(f"matter {record['matter']}; tried: " + ", ".join(f"{k} {db:.2f} dB" for k, db in tried.items()))
-    if material := record["material"]:
+    for material in record["materials"]:
         known = [key for key, is_known in material["identifiable"].items() if is_known]
         found = ", ".join(f"{key} {material[key]:.3g}" for key in ("beta", "gamma", "n"))
         lines.append(f"gloss: {found}; identifiable: {', '.join(known) or 'nothing'}")
+    if tried := record["gloss_tried_db"]:
+        lines.append("gloss tried: " + ", ".join(f"{k} {db:.2f} dB" for k, db in tried.items()))
+    if places := record["gloss"]:
+        low, high = ([places[key][k] for key in ("beta", "gamma")] for k in (0, -1))
+        lines.append(
+            f"gloss of places, 5 to 95 %: beta {low[0]:.3g} to {high[0]:.3g}, gamma {low[1]:.3g} to {high[1]:.3g}"
+        )
     if record["material"] is None:
         lines.append(f"light {record['lamps']}; cameras: {record['cameras']}")
     if errors := record["errors"]:

@@ -8,6 +8,8 @@ from hagoromo.errors import InputError
 Light = Literal["auto", "even", "object", "camera"]  # what unknown light is fixed to
 Law = Literal["surface", "fuzzy"]  # of matter
 MatterChoice = Literal["surface", "fuzzy", "auto"]
+Gloss = Literal["one", "places"]  # β and γ of the whole object, or of each place
+GlossChoice = Literal["one", "places", "auto"]
 Part = Literal["turn", "cameras", "lamps", "exposure", "places"]  # what can be refined beside the object
 PARTS: tuple[Part, ...] = get_args(Part)
 AUTO, NONE = "auto", "none"
@@ -15,10 +17,14 @@ AUTO, NONE = "auto", "none"
 
 @dataclass(frozen=True)
 class FoundMatter:
-    """law: of the matter. tried: PSNR [dB] of each law that was tried."""
+    """law: of the matter. gloss: whether it differs from place to place. tried, gloss_tried: PSNR [dB] of each law, and
+    of each kind of gloss, that was tried.
+    """
 
     law: Law
+    gloss: Gloss = "one"
     tried: dict[str, float] = field(default_factory=dict)
+    gloss_tried: dict[str, float] = field(default_factory=dict)
 
 
 def parts_of(refine: str) -> tuple[Part, ...]:

@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 
 from hagoromo.cluster.cluster import Cluster, Workers
 from hagoromo.progress import Progress, silent
-from hagoromo.recovery.gloss_step import gloss_step
+from hagoromo.recovery.gloss_step import Slopes, gloss_step
 from hagoromo.recovery.lamp_table import LampTable
 from hagoromo.recovery.matter_field import MatterField
 from hagoromo.recovery.pixel_table import CHUNK, Drawn, PixelTable
 from hagoromo.recovery.pixel_tasks import PixelsHere, PixelsOnWorkers
 from hagoromo.recovery.rendering import Rendering, SeenLight
 from hagoromo.recovery.shading import NodeShading
+from hagoromo.recovery.share_step import ShareSteps
 
 if TYPE_CHECKING:
     from hagoromo.recovery.look import Look
@@ -27,6 +28,7 @@ LAST_RATE = 0.1  # factor on the rates of the last step
 GLOSS_EVERY, LIGHT_EVERY, STRENGTHS_EVERY = 8, 2, 4  # steps after which gloss, unknown light and strengths are fitted
 GLOSS_DRAW = 4  # times as many pixels as a step: several must show each place, as its colour is taken out of them
 CAMERAS_EVERY, TURN_SHARE = 5, 4  # steps after which cameras move; one turn of all by every how many drawn chunks
+FIRST_LEAST = 0.25  # of each gloss in the first steps: one that no place has would not be found
 PLACES_EVERY = 6  # steps after which lamps move
 
 
@@ -79,7 +81,9 @@ class Descent:
     def choose(self) -> None:
         """Choose the nodes that move anew."""
         self.moves.choose()
-        self.work.choose(np.array(self.moves.nodes))
+        nodes = np.array(self.moves.nodes)
+        self.shares = None if self.field.shares is None else ShareSteps(nodes, self.field.shape)
+        self.work.choose(nodes)
 
     def run(
         self,
@@ -114,8 +118,16 @@ class Descent:
             if self.lamps.each and k % GLOSS_EVERY == GLOSS_EVERY - 1:
                 many = self.pixels.of(self._pick(GLOSS_DRAW * chunks, total))
                 copies = self.pixels.count / dr.width(many.photograph)
-                self.shading.set_gloss(gloss_step(self.gloss, self.work.slopes(many), copies))
+                slopes = self.work.slopes(many)
+                self.shading.set_gloss(gloss_step(self.gloss, slopes, copies))
+                if self.shares is not None:
+                    self._move_shares(self.shares, slopes, max(FIRST_LEAST * (1.0 - 2.0 * share), 0.0))
         progress(1.0)
+
+    def _move_shares(self, steps: ShareSteps, slopes: Slopes, least: float) -> None:
+        """Move how much of both glosses places have, `least` of each, by the slopes of some pixels."""
+        self.field.set_shares(steps.nodes, steps.step(self.field.shares_of(steps.nodes), slopes, least))
+        self.work.choose(np.array(self.moves.nodes))  # they are not among what moves with each step
 
     def _fit_look(self, k: int, fall: float, picked: NDArray[np.int64], drawn: Drawn, light: SeenLight | None) -> None:
         """Fit what is estimated beside the object, in step k, by the pixels of the step. fall: factor on changes of

@@ -35,10 +35,15 @@ class DistanceField(MatterField):
     element, shown_around = "plane", 0
     moving = {"distance": 1, "colours": COLOURS}
 
-    def __init__(self, distance: NDArray[np.floating], colours: NDArray[np.floating]) -> None:
-        """distance: (nz, ny, nx). colours: (nz, ny, nx, 3)."""
+    def __init__(
+        self,
+        distance: NDArray[np.floating],
+        colours: NDArray[np.floating],
+        shares: NDArray[np.floating] | None = None,
+    ) -> None:
+        """distance: (nz, ny, nx). colours: (nz, ny, nx, 3). shares: (nz, ny, nx)."""
         self.distance = lookup(arrays().Float, np.asarray(distance, np.float32))
-        super().__init__(colours)
+        super().__init__(colours, shares)
 
     def no_gradients(self) -> None:
         """Gradients of 0."""
@@ -63,8 +68,9 @@ class DistanceField(MatterField):
         return np.array(self.distance).reshape(self.shape)
 
     def plain(self) -> tuple[NDArray[np.float32], ...]:
-        """Distances and body colours."""
-        return self.distances(), self.body_colours()
+        """Distances, body colours and, of two glosses, shares."""
+        shares = self.gloss_shares()
+        return self.distances(), self.body_colours(), *(() if shares is None else (shares,))
 
     def outline_weight(self, drawn: Drawn) -> Float:
         """That of the pixel: a surface is opaque."""

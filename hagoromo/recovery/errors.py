@@ -22,6 +22,7 @@ from scipy.spatial import KDTree
 from hagoromo.backend import Array3f, vectors
 from hagoromo.recovery.distance_field import DistanceField
 from hagoromo.recovery.matter_field import COLOURS
+from hagoromo.recovery.mixed_gloss import mixed_gloss
 from hagoromo.recovery.surface_shape import SurfaceShape
 
 Array = NDArray[np.float64]
@@ -32,11 +33,12 @@ NEWTON_STEPS, STEEP = 4, 0.1  # towards the surface; least |∇d|² that a step 
 
 
 class OnSurface(NamedTuple):
-    """Of places: signed distance [m], unit normals (n, 3) and body colours (n, 3)."""
+    """Of places: signed distance [m], unit normals (n, 3), body colours (n, 3), ln β and ln γ (n, 2) if they vary."""
 
     distance: Array
     normals: Array
     colours: Array
+    gloss: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,13 +47,14 @@ class Errors:
 
     position: (nz, ny, nx) along the normal [m]. normal: (nz, ny, nx) root of the mean square angle [rad]. colour:
     (nz, ny, nx, 3) of body colours. of_lattice: whether the error of the lattice is in them: not, where there
-    was one level of it.
+    was one level of it. gloss: (nz, ny, nx, 2) of ln β and ln γ; None: the object has one gloss.
     """
 
     position: NDArray[np.float32]
     normal: NDArray[np.float32]
     colour: NDArray[np.float32]
     of_lattice: bool = True
+    gloss: NDArray[np.float32] | None = None
 
 
 def errors_of(
@@ -66,19 +69,21 @@ def errors_of(
     first, second = (_surface(each, places) for each in halves)
     position = 0.25 * (first.distance - second.distance) ** 2
     normal = 0.25 * _angles(first.normals, second.normals) ** 2
-    colour = 0.25 * (first.colours - second.colours) ** 2
+    colour, gloss = 0.25 * (first.colours - second.colours) ** 2, 0.25 * (first.gloss - second.gloss) ** 2
     if before is not None:
         own, coarse = _surface(found, places), _surface(before, places)
         position += coarse.distance**2
+        gloss += (own.gloss - coarse.gloss) ** 2
         if fuzzy:
             normal += _angles(own.normals, coarse.normals) ** 2
             colour += (own.colours - coarse.colours) ** 2
     around = KDTree(places).query_ball_point(places, NEIGHBOURHOOD * found.lattice.voxel)
-    squares = np.concatenate([position[:, None], normal[:, None], colour], axis=1)
+    squares = np.concatenate([position[:, None], normal[:, None], colour, gloss], axis=1)
     error = np.sqrt([squares[each].mean(axis=0) for each in around])
     maps = np.full((*near.shape, error.shape[1]), np.nan, np.float32)
     maps[near] = error
-    return Errors(maps[..., 0], maps[..., 1], maps[..., 2 : 2 + COLOURS], before is not None)
+    of_gloss = maps[..., 2 + COLOURS :] if gloss.size else None
+    return Errors(maps[..., 0], maps[..., 1], maps[..., 2 : 2 + COLOURS], before is not None, of_gloss)
 
 
 def _on_surface(shape: SurfaceShape, places: Array) -> Array:
@@ -92,11 +97,14 @@ def _on_surface(shape: SurfaceShape, places: Array) -> Array:
 
 def _surface(shape: SurfaceShape, places: Array) -> OnSurface:
     """What an object has at places of the world (n, 3) [m]."""
-    field, at = DistanceField(shape.distance, shape.colours), vectors(shape.lattice.from_world(places))
+    field, at = shape.field(), vectors(shape.lattice.from_world(places))
     distance, slope = _looked_up(field, at)
     normals = slope / np.maximum(np.linalg.norm(slope, axis=1, keepdims=True), 1e-12)
     colours = np.stack([np.array(each, np.float64) for each in field.colours_at(at)], axis=1)
-    return OnSurface(distance * shape.lattice.voxel, normals, colours)
+    gloss = np.zeros((len(places), 0))
+    if field.shares is not None:
+        gloss = np.log(mixed_gloss(shape.gloss, np.array(field.share_at(at)))).T
+    return OnSurface(distance * shape.lattice.voxel, normals, colours, gloss)
 
 
 def _looked_up(field: DistanceField, at: Array3f) -> tuple[Array, Array]:

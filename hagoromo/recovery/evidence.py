@@ -16,9 +16,9 @@ from scipy import ndimage
 
 from hagoromo.least_squares.loss import NORMAL_95
 from hagoromo.recovery.descent import Descent
-from hagoromo.recovery.gloss_step import N_SPREAD, Slopes, without_colours
+from hagoromo.recovery.gloss_step import N_SPREAD, Slopes, beforehand, without_colours
 from hagoromo.recovery.pixel_table import CHUNK
-from hagoromo.recovery.shading import GLOSS, figures
+from hagoromo.recovery.shading import GLOSS, each_gloss, figures
 
 AT_ONCE = 1 << 12  # chunks
 MOST_CHUNKS = 1 << 16  # that are looked at: more would not say more
@@ -27,10 +27,14 @@ IDENTIFIABLE = 0.5  # standard error of a logarithm up to which a parameter coun
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """covariance: (3, 3) of ln β, ln γ, ln(n − 1). photographs: (nz, ny, nx) that show each place of the surface."""
+    """covariance: of the gloss, see `NodeShading`. photographs: (nz, ny, nx) that show each place of the surface."""
 
     covariance: NDArray[np.float64]
     photographs: NDArray[np.int32]
+
+    def in_order(self, order: list[int]) -> Evidence:
+        """With the numbers of the gloss in another order."""
+        return replace(self, covariance=self.covariance[np.ix_(order, order)])
 
     def with_halves(self, first: NDArray[np.floating], second: NDArray[np.floating]) -> Evidence:
         """With the gloss that each half of the photographs gives: the square of half of what they differ by counts as
@@ -38,21 +42,10 @@ class Evidence:
         """
         return replace(self, covariance=self.covariance + np.diag((0.5 * (np.asarray(first) - second)) ** 2))
 
-    def material(self, gloss: NDArray[np.floating]) -> dict[str, Any]:
-        """The gloss with standard errors and 95 % intervals, with the keys of materials.json."""
+    def materials(self, gloss: NDArray[np.floating]) -> list[dict[str, Any]]:
+        """Each gloss with standard errors and 95 % intervals, with the keys of materials.json."""
         errors = np.sqrt(np.diag(self.covariance))
-        found = dict(zip(GLOSS, figures(gloss), strict=True))
-        low, high = (figures(np.asarray(gloss) + sign * NORMAL_95 * errors) for sign in (-1.0, 1.0))
-        scale = {"beta": found["beta"], "gamma": found["gamma"], "n": found["n"] - 1.0}
-        return {
-            **found,
-            "standard_error": {key: float(scale[key] * e) for key, e in zip(GLOSS, errors, strict=True)},
-            "interval_95": {key: [low[k], high[k]] for k, key in enumerate(GLOSS)},
-            "identifiable": {
-                key: bool(e < (0.7 * N_SPREAD if key == "n" else IDENTIFIABLE))
-                for key, e in zip(GLOSS, errors, strict=True)
-            },
-        }
+        return [_material(np.asarray(gloss)[one], errors[one]) for one in each_gloss(gloss)]
 
 
 def evidence_of(descent: Descent, coarser: NDArray[np.floating] | None = None) -> Evidence:
@@ -73,7 +66,11 @@ def evidence_of(descent: Descent, coarser: NDArray[np.floating] | None = None) -
         for first in range(0, len(chosen), AT_ONCE)
     ]
     slopes = Slopes(*(np.concatenate(each) for each in zip(*parts, strict=True)))
-    gloss = _gloss_covariance(slopes, copies) if descent.lamps.each else np.zeros((3, 3))
+    gloss = (
+        _gloss_covariance(slopes, copies, len(descent.gloss))
+        if descent.lamps.each
+        else np.zeros((len(descent.gloss),) * 2)
+    )
     if coarser is not None and descent.lamps.each:
         gloss = gloss + np.diag((descent.gloss - coarser) ** 2)
     photographs = _photographs(slopes, count).reshape(shape)
@@ -87,15 +84,32 @@ def _photographs(slopes: Slopes, count: int) -> NDArray[np.int32]:
     return np.bincount(pairs // most, minlength=count).astype(np.int32)
 
 
-def _gloss_covariance(slopes: Slopes, copies: float) -> NDArray[np.float64]:
-    """Covariance of the gloss by all pixels."""
+def _gloss_covariance(slopes: Slopes, copies: float, count: int) -> NDArray[np.float64]:
+    """Covariance of the `count` numbers of the gloss by all pixels; shares are held."""
     free, left = without_colours(slopes)
+    free = free[:, :, :count]
     matrix = copies * np.einsum("nck,ncl->kl", free, free)
-    scores = np.zeros((int(slopes.photograph.max(initial=0)) + 1, len(GLOSS)))
+    scores = np.zeros((int(slopes.photograph.max(initial=0)) + 1, free.shape[2]))
     np.add.at(scores, slopes.photograph, copies * np.einsum("nck,nc->nk", free, left))
     scores -= scores.mean(axis=0)
-    prior = np.diag([1e-6, 1e-6, 1.0 / N_SPREAD**2])
+    prior = np.diag(np.maximum(beforehand(free.shape[2]), 1e-6))
     used = max(len(scores), 2)
     spread = used / (used - 1.0) * scores.T @ scores
     sandwich = np.linalg.pinv(matrix) @ spread @ np.linalg.pinv(matrix)
     return np.linalg.inv(np.linalg.pinv(sandwich) + prior)
+
+
+def _material(gloss: NDArray[np.floating], errors: NDArray[np.floating]) -> dict[str, Any]:
+    """One gloss, with standard errors of the logarithms."""
+    found = dict(zip(GLOSS, figures(gloss), strict=True))
+    low, high = (figures(np.asarray(gloss) + sign * NORMAL_95 * errors) for sign in (-1.0, 1.0))
+    scale = {"beta": found["beta"], "gamma": found["gamma"], "n": found["n"] - 1.0}
+    return {
+        **found,
+        "standard_error": {key: float(scale[key] * e) for key, e in zip(GLOSS, errors, strict=True)},
+        "interval_95": {key: [low[k], high[k]] for k, key in enumerate(GLOSS)},
+        "identifiable": {
+            key: bool(e < (0.7 * N_SPREAD if key == "n" else IDENTIFIABLE))
+            for key, e in zip(GLOSS, errors, strict=True)
+        },
+    }

@@ -10,17 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from hagoromo.backend import arrays, vectors
+from hagoromo.backend import arrays, clip, vectors
 from hagoromo.errors import InputError
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.matter.shape import coverage, unit
 from hagoromo.photograph.photograph import Photograph
-from hagoromo.recovery.distance_field import DistanceField
 from hagoromo.recovery.fuzzy_shape import THIN, FuzzyShape
 from hagoromo.recovery.lattice import Lattice
 from hagoromo.recovery.matter_field import COLOURS
 from hagoromo.recovery.recovered import Recovered, RecoveredMesh
-from hagoromo.recovery.shading import ALPHA
+from hagoromo.recovery.shading import ALPHA, each_gloss, figures
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.reflectance.spectra.body_basis import body_basis
 from hagoromo.volume.box import VolumeBox
@@ -35,6 +34,7 @@ LEAST_BOX, LARGEST_BOX = 8, 2048  # voxels along the longest edge
 SKIN = 6.0  # voxels of the box that hold matter behind the surface
 LEAST_EXTINCTION = 1e-3  # [1/node] of fuzzy matter that a box holds
 BRIGHTEST = 0.98  # of a body colour, which a reflectance must give back less than all of
+SHARE_LEVELS = 33  # materials of a box whose places have shares of two glosses
 LEAST_DIM = 1e-3  # factor on the reflectance below which it cannot be made to conserve energy
 
 
@@ -43,13 +43,15 @@ def recovered_box(recovered: Recovered, side: int | None = None) -> VolumeBox:
 
     Body colours are on the basis of the camera's response under the lamp, or on `smooth_rgb_basis` where one of both
     is not known. A reflectance that would give back more than it receives is dimmed: the name of the box says by how
-    much, and lamps must be stronger by that factor.
+    much, and lamps must be stronger by that factor. Where places have shares of two glosses, each voxel has the one of
+    SHARE_LEVELS materials that is nearest to its share.
     """
     lattice = recovered.lattice
     edges, voxel = _edges_and_voxel(lattice, side, min(FINENESS * max(lattice.shape), MOST_SIDE))
     shape: Any = tuple(int(np.ceil(edge / voxel)) + 1 for edge in edges)
-    field = DistanceField(recovered.distance, recovered.colours)
+    field = recovered.surface_field
     materials, dim = conserving(recovered)
+    last = float(len(materials) - 1)
     per_node, jit = float(voxel / lattice.voxel), arrays()
     scale = dim * ALPHA / materials[0].alpha
 
@@ -62,7 +64,8 @@ def recovered_box(recovered: Recovered, side: int | None = None) -> VolumeBox:
         there = coverage(distance + INWARDS, EDGE) * dr.select(distance > -SKIN, 1.0, 0.0)
         on = place - unit(field.axis_at(place)) * (distance * per_node)  # of the surface, where colours are known
         colours = [dr.fmin(each * scale, BRIGHTEST) for each in field.colours_at(on)]
-        return there, unit(field.axis_at(on)), jit.UInt(0), [*colours, jit.Float(0)]
+        material = jit.UInt(0) if field.shares is None else jit.UInt(clip(field.share_at(on), 0.0, 1.0) * last + 0.5)
+        return there, unit(field.axis_at(on)), material, [*colours, jit.Float(0)]
 
     def occupied(middle: Any, radius: float) -> Any:
         distance = field.value_at(place_of(middle)) * (1.0 / per_node)
@@ -121,26 +124,43 @@ def _pose(recovered: Recovered, voxel: float) -> NDArray[np.float64]:
 
 
 def conserving(recovered: Recovered) -> tuple[list[Reflectance], float]:
-    """The material, and the factor by which it is dimmed so that it conserves energy."""
+    """The materials, one for each level of the share, and the factor by which they are dimmed to conserve energy."""
     near = np.abs(recovered.distance) < 1.0 if recovered.fuzzy is None else recovered.fuzzy.density > THIN
     brightest = min(float(recovered.colours[near].max(initial=0.1)), BRIGHTEST)
     dim = 1.0
     while True:
         try:
-            material = Reflectance(
-                alpha=ALPHA * dim,
-                beta=recovered.beta * dim if recovered.lit else 0.0,
-                gamma=recovered.gamma,
-                n=recovered.n,
-                body_colour=Spectrum.constant(brightest),
-                element=recovered.field.element,
-                name=recovered.name or "recovered",
-            )
-            return [material], dim
+            return [
+                Reflectance(
+                    alpha=ALPHA * dim,
+                    beta=lobes[0][0] * dim,
+                    gamma=lobes[0][1],
+                    n=recovered.n,
+                    body_colour=Spectrum.constant(brightest),
+                    element=recovered.field.element,
+                    name=recovered.name or "recovered",
+                    lobes=tuple((beta * dim, gamma) for beta, gamma in lobes[1:]),
+                )
+                for lobes in _lobes(recovered)
+            ], dim
         except InputError:
             dim *= 0.9
             if dim < LEAST_DIM:
                 raise
+
+
+def _lobes(recovered: Recovered) -> list[list[tuple[float, float]]]:
+    """β and γ of the lobes of each material of a box."""
+    if not recovered.lit:
+        return [[(0.0, recovered.gamma)]]
+    glosses = [figures(recovered.gloss[one])[:2] for one in each_gloss(recovered.gloss)]
+    if recovered.shares is None:
+        return [glosses]
+    levels = [(1.0 - share, share) for share in np.linspace(0.0, 1.0, SHARE_LEVELS)]
+    return [
+        [(float(share * beta), gamma) for share, (beta, gamma) in zip(both, glosses, strict=True) if share > 0.0]
+        for both in levels
+    ]
 
 
 def basis_of(photographs: Sequence[Photograph]) -> tuple[Spectrum, ...]:
@@ -161,7 +181,7 @@ def recovered_mesh(recovered: Recovered) -> RecoveredMesh:
     values = _spline_values(recovered.distance)
     corners, faces, _, _ = marching_cubes(values, 0.0)
     places = corners[:, ::-1].astype(np.float64)
-    field, at = DistanceField(recovered.distance, recovered.colours), vectors(places)
+    field, at = recovered.surface_field, vectors(places)
     normals = np.array(unit(field.axis_at(at)), np.float64).T
     colours = np.stack([np.array(each, np.float64) for each in field.colours_at(at)], axis=1)
     vertices = recovered.lattice.to_world(places)
@@ -175,7 +195,14 @@ def recovered_mesh(recovered: Recovered) -> RecoveredMesh:
     shown = np.zeros(len(vertices), np.int32) if known is None else known.photographs[node]
     nothing = np.full(len(vertices), np.nan, np.float32)
     position, normal = (nothing, nothing) if errors is None else (errors.position[node], errors.normal[node])
-    return RecoveredMesh(vertices, faces, normals, colours, shown, position, normal)
+    if recovered.shares is None:
+        return RecoveredMesh(vertices, faces, normals, colours, shown, position, normal)
+    gloss_errors = np.full((len(vertices), 2), np.nan, np.float32)
+    if errors is not None and errors.gloss is not None:
+        gloss_errors = errors.gloss[node]
+    return RecoveredMesh(
+        vertices, faces, normals, colours, shown, position, normal, recovered.gloss_at(at), gloss_errors
+    )
 
 
 def _spline_values(nodes: NDArray[np.floating]) -> NDArray[np.float64]:

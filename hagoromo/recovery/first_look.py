@@ -1,7 +1,8 @@
-"""First look: what unknown light is fixed to, by how much all cameras turn, and whether the matter has a surface.
+"""First look: what unknown light is fixed to, by how much all cameras turn, whether the matter has a surface, and
+whether its gloss differs from place to place.
 
-Each kind of light, and each law of matter, recovers the object on a coarse lattice from a part of the photographs; the
-one that predicts the others best is taken. Photographs that the user keeps aside take no part.
+Each kind of light, law of matter and kind of gloss recovers the object on a coarse lattice from a part of the
+photographs; the one that predicts the others best is taken. Photographs that the user keeps aside take no part.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from typing import TYPE_CHECKING, TypeAlias, get_args
 
 import numpy as np
 
-from hagoromo.recovery.choices import AUTO, FoundMatter, Law, Light, parts_of
+from hagoromo.recovery.choices import AUTO, FoundMatter, Gloss, Law, Light, parts_of
 from hagoromo.recovery.given import kept_aside
 from hagoromo.recovery.look import FoundLook
 from hagoromo.recovery.object_view import ObjectView
@@ -25,6 +26,7 @@ KINDS: tuple[Light, ...] = ("even", "object", "camera")
 SIDE = 48  # nodes along the longest edge
 KEEP = 5  # every how many photographs one judges
 FUZZY_BETTER = 0.5  # dB by which matter without a surface must predict better than a surface
+PLACES_BETTER = 0.1  # dB by which a gloss that differs from place to place must predict better than one gloss
 BETTER = 0.2  # dB by which a light that depends on the normal, or a turn of the cameras, must predict better than none
 
 
@@ -59,7 +61,17 @@ def law_of(views: Sequence[ObjectView], coarse: Callable[[Views, Views, Law], Re
     if not kept:
         return FoundMatter("surface")
     tried = {str(law): _psnr(_complete(coarse(used, kept, law))) for law in get_args(Law)}
-    return FoundMatter("fuzzy" if tried["fuzzy"] >= tried["surface"] + FUZZY_BETTER else "surface", tried)
+    return FoundMatter("fuzzy" if tried["fuzzy"] >= tried["surface"] + FUZZY_BETTER else "surface", tried=tried)
+
+
+def gloss_of(views: Sequence[ObjectView], coarse: Callable[[Views, Views, Gloss], Recovered]) -> FoundMatter:
+    """Whether the gloss of a surface differs from place to place. coarse: recovers from used views and kept ones."""
+    used, kept = judged(views)
+    if not kept:
+        return FoundMatter("surface")
+    tried = {str(gloss): _psnr(_complete(coarse(used, kept, gloss))) for gloss in get_args(Gloss)}
+    better = tried["places"] >= tried["one"] + PLACES_BETTER
+    return FoundMatter("surface", "places" if better else "one", gloss_tried=tried)
 
 
 def judged(views: Sequence[ObjectView]) -> tuple[Views, Views]:

@@ -17,11 +17,11 @@ from hagoromo.backend import Float
 from hagoromo.recovery.matter_field import COLOURS
 from hagoromo.recovery.pixel_table import ROBUST, Drawn
 from hagoromo.recovery.rendering import Rendering
-from hagoromo.recovery.shading import GLOSS
+from hagoromo.recovery.shading import GLOSS, TWO_GLOSSES
 
 Array = NDArray[np.float64]
 
-GLOSS_DIFFERENCE, COLOUR_DIFFERENCE = 0.02, 0.01  # of logarithms; of body colours
+GLOSS_DIFFERENCE, COLOUR_DIFFERENCE, SHARE_DIFFERENCE = 0.02, 0.01, 0.1  # of logarithms; of body colours and shares
 GLOSS_CHANGE = 0.4  # of the logarithms, of a step, at most
 GLOSS_RANGE = np.log([[1e-3, 1e3], [0.01, 1.2], [0.15, 2.0]])  # of β, γ and n − 1
 N_USUAL, N_SPREAD = 1.5, 0.3  # of dielectrics, and standard deviation of ln(n − 1)
@@ -30,9 +30,9 @@ HIT = 0.5  # opacity from which a pixel shows a place
 
 
 class Slopes(NamedTuple):
-    """Of the pixels that show a place, all times the root of their weight: slopes by ln β, ln γ and ln(n − 1) (pixels,
-    3, 3) and by the body colour (pixels, 3), and residuals (pixels, 3). node: the one nearest to the place.
-    photograph: its number.
+    """Of the pixels that show a place, all times the root of their weight: slopes by the numbers of the gloss and, of
+    two glosses, by the share behind them (pixels, 3, numbers), by the body colour (pixels, 3), and residuals (pixels,
+    3). node: the one nearest to the place. photograph: its number.
     """
 
     by_gloss: Array
@@ -43,7 +43,7 @@ class Slopes(NamedTuple):
 
 
 class Eliminated(NamedTuple):
-    """Slopes by the gloss (pixels, 3, 3) and residuals (pixels, 3), without what body colours of places explain."""
+    """Slopes (pixels, 3, numbers) and residuals (pixels, 3), without what body colours of places explain."""
 
     by_gloss: Array
     rest: Array
@@ -64,7 +64,7 @@ def slopes_of(rendering: Rendering, drawn: Drawn) -> Slopes:
     hit = (np.array(base.seen.depth) > -np.log(1.0 - HIT)) & (roots[:, 1] > 0.0)
     shading, field, light = rendering.shading, rendering.field, _columns(base.channels)
     gloss, columns = np.array(shading.gloss, np.float64), []
-    for k in range(len(GLOSS) if shading.lamps.each else 0):
+    for k in range(len(gloss) if shading.lamps.each else 0):
         moved = gloss.copy()
         moved[k] += GLOSS_DIFFERENCE
         shading.set_gloss(moved)
@@ -74,6 +74,11 @@ def slopes_of(rendering: Rendering, drawn: Drawn) -> Slopes:
     dr.eval(field.colours)
     by_colour = (_columns(rendering.light(drawn).channels) - light) * (roots / COLOUR_DIFFERENCE)
     field.colours = held
+    if field.shares is not None:
+        shares, field.shares = field.shares, field.shares + SHARE_DIFFERENCE
+        dr.eval(field.shares)
+        columns.append((_columns(rendering.light(drawn).channels) - light) * (roots / SHARE_DIFFERENCE))
+        field.shares = shares
     by_gloss = np.stack(columns, axis=2) if columns else np.zeros((len(hit), COLOURS, 0))
     place = dr.fma(drawn.rays.direction, base.seen.way, drawn.rays.origin)
     node, photograph = field.nearest_node(place), np.array(drawn.photograph, np.int64)
@@ -106,9 +111,18 @@ def gloss_step(gloss: NDArray[np.floating], slopes: Slopes, copies: float) -> Ar
     What is known beforehand of n (that of most matter) decides where the photographs do not.
     """
     free, left = without_colours(slopes)
-    prior, share = np.diag([0.0, 0.0, 1.0 / N_SPREAD**2]), copies / CORRELATED
+    free = free[:, :, : len(gloss)]
+    known, share = beforehand(len(gloss)), copies / CORRELATED
     matrix = share * np.einsum("nck,ncl->kl", free, free)
-    slope = share * np.einsum("nck,nc->k", free, left) + prior @ (np.log(N_USUAL - 1.0) - gloss)
-    damped = matrix + prior + np.diag(1e-3 * np.diag(matrix) + 1e-9)
+    slope = share * np.einsum("nck,nc->k", free, left) + known * (np.log(N_USUAL - 1.0) - gloss)
+    damped = matrix + np.diag(known) + np.diag(1e-3 * np.diag(matrix) + 1e-9)
     change = np.clip(np.linalg.solve(damped, slope), -GLOSS_CHANGE, GLOSS_CHANGE)
-    return np.clip(gloss + change, *GLOSS_RANGE.T)
+    low, high = np.array([GLOSS_RANGE[GLOSS.index(TWO_GLOSSES[k])] for k in range(len(gloss))]).T
+    return np.clip(gloss + change, low, high)
+
+
+def beforehand(count: int) -> Array:
+    """(count,) what is known of the numbers of glosses, as reciprocals of variances: of n alone."""
+    known = np.zeros(count)
+    known[GLOSS.index("n")] = 1.0 / N_SPREAD**2
+    return known

@@ -29,16 +29,18 @@ UNITS = 2.0**48  # of a gradient's 1: sums reach 3e4, and an addend is rounded t
 class MatterField(ABC):
     """A value, an axis and body colours at every place of a lattice; what these are is the law of the matter.
 
-    colours: Float (nodes · 3) body colours. Gradients are summed in whole units of 1 / UNITS, Int64: such sums do not
-    depend on the order of what is added, so that one seed gives one result, whatever the number of cores. All arrays
-    are fields of this object, so that Dr.Jit's loops do not take them into their state.
+    colours: Float (nodes · 3) body colours. shares: Float (nodes,) of the second of two glosses, 0 … 1, which have no
+    gradient; None: the object has one gloss. Gradients are summed in whole units of 1 / UNITS, Int64: such
+    sums do not depend on the order of what is added, so that one seed gives one result, whatever the number of cores.
+    All arrays are fields of this object, so that Dr.Jit's loops do not take them into their state.
     """
 
-    def __init__(self, colours: NDArray[np.floating]) -> None:
-        """colours: (nz, ny, nx, 3)."""
+    def __init__(self, colours: NDArray[np.floating], shares: NDArray[np.floating] | None = None) -> None:
+        """colours: (nz, ny, nx, 3). shares: (nz, ny, nx)."""
         jit = arrays()
         self.shape = colours.shape[:3]
         self.colours = lookup(jit.Float, np.asarray(colours, np.float32))
+        self.shares = None if shares is None else lookup(jit.Float, np.asarray(shares, np.float32))
         nz, ny, nx = self.shape
         self.rows = [dr.opaque(jit.UInt, each) for each in (1, nx, nx * ny)]
         self.last = [dr.opaque(jit.Float, float(n - 2)) for n in (nx, ny, nz)]
@@ -130,13 +132,39 @@ class MatterField(ABC):
         """Body colours (nz, ny, nx, 3)."""
         return np.array(self.colours).reshape(*self.shape, COLOURS)
 
+    def gloss_shares(self) -> NDArray[np.float32] | None:
+        """Shares (nz, ny, nx) of the second gloss."""
+        return None if self.shares is None else np.array(self.shares).reshape(self.shape)
+
+    def shares_of(self, nodes: NDArray[np.integer]) -> NDArray[np.float64]:
+        """Shares (n,) of some nodes."""
+        return np.array(self.shares, np.float64)[nodes]
+
+    def set_shares(self, nodes: NDArray[np.integer], shares: NDArray[np.floating]) -> None:
+        """Other shares (n,) of some nodes."""
+        every = np.array(self.shares)
+        every[nodes] = shares
+        self.shares = lookup(arrays().Float, every)
+
     def colours_at(self, place: Array3f) -> list[Float]:
         """Body colours."""
-        jit, colours = arrays(), [arrays().Float(0)] * COLOURS
+        return self._linear_at(self.colours, COLOURS, place)
+
+    def looks_at(self, place: Array3f) -> list[Float]:
+        """What a shading needs of a place: body colours and, of two glosses, the share of the second."""
+        return [*self.colours_at(place), *([] if self.shares is None else [self.share_at(place)])]
+
+    def share_at(self, place: Array3f) -> Float:
+        """Share of the second gloss."""
+        return self._linear_at(self.shares, 1, place)[0]
+
+    def _linear_at(self, numbers: Float, each: int, place: Array3f) -> list[Float]:
+        """Numbers of nodes, `each` of every one, between them."""
+        jit, found = arrays(), [arrays().Float(0)] * each
         for node, weight in self.corner_nodes(place):
-            for c in range(COLOURS):
-                colours[c] = dr.fma(weight, dr.gather(jit.Float, self.colours, node * COLOURS + c), colours[c])
-        return colours
+            for c in range(each):
+                found[c] = dr.fma(weight, dr.gather(jit.Float, numbers, node * each + c), found[c])
+        return found
 
     def nearest_node(self, place: Array3f) -> NDArray[np.int64]:
         """Number of the node nearest to each place."""

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import drjit as dr
 
 from hagoromo.backend import Array3f, Float, arrays
-from hagoromo.recovery.matter_field import MatterField
+from hagoromo.recovery.matter_field import COLOURS, MatterField
 
 LEAST_DEPTH = 1e-3  # optical depth of a piece that counts
 LAST_DEPTH = 7.0  # optical depth at which a ray ends
@@ -89,11 +89,11 @@ class MatterMarch(ABC):
         return rays.at(dr.fma(self.share_of(piece), piece.length, piece.begin))
 
     def light(
-        self, rays: LatticeRays, place: Array3f, axis: Array3f, colours: list[Float], arriving: list[Float] | None
+        self, rays: LatticeRays, place: Array3f, axis: Array3f, looks: list[Float], arriving: list[Float] | None
     ) -> list[Float]:
-        """Light of every lamp and colour that matter of this axis and these colours sends back along a ray."""
+        """Light of every lamp and colour that matter of this axis and these looks sends back along a ray."""
         unit = axis * dr.rsqrt(dr.fmax(dr.squared_norm(axis), 1e-12))
-        light = self.shading(place, unit, -rays.direction, colours)
+        light = self.shading(place, unit, -rays.direction, looks)
         if arriving is None:
             return light
         each = len(light) // len(arriving)
@@ -115,7 +115,7 @@ class MatterMarch(ABC):
             if own > self.least_depth:
                 weight = dr.exp(-depth) * (1.0 - dr.exp(-own))
                 place = self.place(rays, piece)
-                matter = self.field.axis_at(place), self.field.colours_at(place)
+                matter = self.field.axis_at(place), self.field.looks_at(place)
                 light = added(light, weight, self.light(rays, place, matter[0], matter[1], self.arriving(place)))
                 way = dr.fma(weight, dr.fma(self.share_of(piece), length, t), way)
                 weights += weight
@@ -177,7 +177,7 @@ class MatterMarch(ABC):
         by_light: list[Float],
         by_depth: Float,
     ) -> tuple[list[Float], Float, Float]:
-        """Adds the gradient of one piece by axis, colours and shading.
+        """Adds the gradient of one piece by axis and looks.
 
         depths: in front of the piece, and its own. Returns the light from behind it, and the derivatives by the values
         at its ends.
@@ -192,25 +192,25 @@ class MatterMarch(ABC):
             ends = piece._replace(first=first, second=second)
             grown = self.depth_of(ends)
             place = self.place(rays, ends)
-            matter = self.field.axis_at(place), self.field.colours_at(place)
-            axis, colours = dr.detach(matter[0]), [dr.detach(each) for each in matter[1]]
+            matter = self.field.axis_at(place), self.field.looks_at(place)
+            axis, looks = dr.detach(matter[0]), [dr.detach(each) for each in matter[1]]
             here = dr.detach(place)
-            dr.enable_grad(axis, colours, here)
-            new = self.light(rays, here, axis, colours, arriving)
+            dr.enable_grad(axis, looks, here)
+            new = self.light(rays, here, axis, looks, arriving)
             rest = added(rest, -weight, [dr.detach(each) for each in new])
             total, by_piece = arrays().Float(0), by_depth
             for by, light, behind in zip(by_light, new, rest, strict=True):
                 total += (by * weight) * light
                 by_piece = by_piece + by * (passed * dr.exp(-own) * dr.detach(light) - behind)
             dr.backward(total)
-            by_axis, by_colours, by_place = dr.grad(axis), [dr.grad(each) for each in colours], dr.grad(here)
+            by_axis, by_looks, by_place = dr.grad(axis), [dr.grad(each) for each in looks], dr.grad(here)
             onwards = dr.dot(by_axis, matter[0]) + dr.dot(by_place, place) + by_piece * grown
-            for by, each in zip(by_colours, matter[1], strict=True):
+            for by, each in zip(by_looks, matter[1], strict=True):
                 onwards += by * each
             dr.backward(onwards)
             by_first, by_second = dr.grad(first), dr.grad(second)
         self.field.add_by_axis(here, by_axis)
-        self.field.add_by_colours(here, by_colours)
+        self.field.add_by_colours(here, by_looks[:COLOURS])
         if arriving is not None:
             parts, each = [by * weight * dr.detach(one) for by, one in zip(by_light, new, strict=True)], 0
             each = len(parts) // len(arriving)

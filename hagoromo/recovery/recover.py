@@ -14,10 +14,10 @@ from hagoromo.errors import InputError
 from hagoromo.files.memory import SHARE_OF_MEMORY, free_memory
 from hagoromo.photograph.capture import Capture, load_capture
 from hagoromo.progress import Progress, part_of, silent
-from hagoromo.recovery.choices import AUTO, NONE, FoundMatter, Law, Light, MatterChoice, parts_of
+from hagoromo.recovery.choices import AUTO, NONE, FoundMatter, Gloss, GlossChoice, Law, Light, MatterChoice, parts_of
 from hagoromo.recovery.errors import errors_of
 from hagoromo.recovery.evidence import evidence_of
-from hagoromo.recovery.first_look import SIDE, Views, first_look, law_of
+from hagoromo.recovery.first_look import SIDE, Views, first_look, gloss_of, law_of
 from hagoromo.recovery.fuzzy_shape import FuzzyShape
 from hagoromo.recovery.given import LEAST_VIEWS, check_lamps, check_not_cut, checked, kept_aside
 from hagoromo.recovery.hull import box_of, check_all_show_it, hull_distance, outlines_of, without_crumbs
@@ -28,11 +28,14 @@ from hagoromo.recovery.matter_shape import SHAPES, MatterShape
 from hagoromo.recovery.object_view import ObjectView
 from hagoromo.recovery.pixel_table import CHUNK
 from hagoromo.recovery.recovered import Recovered
+from hagoromo.recovery.shading import order_of
 from hagoromo.recovery.silhouettes import views_of
+from hagoromo.recovery.surface_shape import SurfaceShape
 from hagoromo.recovery.work import Work
 
 LEAST_SIDE, LARGEST_SIDE = 16, 512  # nodes along the longest edge
 BYTES_PER_NODE: dict[Law, float] = {"surface": 90.0, "fuzzy": 200.0}  # of all arrays together
+BYTES_OF_SHARES = 16.0  # further ones of a node where places have shares of two glosses
 LOOK_SHARE = 0.3  # of the work, that a first look is
 WHOLE, HALVES = "whole", ("first half", "second half")  # what there are checkpoints of
 LEAST_POSES = 6  # of a half of the photographs, if those from one pose are to be in one half
@@ -51,7 +54,9 @@ class RecoverySettings:
     small turn of all cameras), "cameras" (of each, a turn and a shift), "lamps" and "exposure" (a factor on the light
     of each lamp, and of each photograph), "places" (a shift of each lamp), such as "cameras,lamps"; "none"; "auto": a
     turn, where no lamp is known, if it predicts better. matter: "surface"; "fuzzy": fibres without a surface, such as
-    fur and down, a free density at each node; "auto": the one that predicts better, on a coarse lattice.
+    fur and down, a free density at each node; "auto": the one that predicts better, on a coarse lattice. gloss: of a
+    surface under known lamps; "one": β and γ are those of the whole object; "places": each node has its own; "auto":
+    "places", where that predicts better, on a coarse lattice.
     """
 
     side: int = 128
@@ -64,6 +69,7 @@ class RecoverySettings:
     light: Light = "auto"
     refine: str = AUTO
     matter: MatterChoice = "surface"
+    gloss: GlossChoice = "one"
 
     def __post_init__(self) -> None:
         if not LEAST_SIDE <= self.side <= LARGEST_SIDE:
@@ -75,6 +81,10 @@ class RecoverySettings:
             raise InputError(f"light is {self.light!r}: give {', '.join(get_args(Light))}")
         if self.matter not in get_args(MatterChoice):
             raise InputError(f"matter is {self.matter!r}: give {', '.join(get_args(MatterChoice))}")
+        if self.gloss not in get_args(GlossChoice):
+            raise InputError(f"gloss is {self.gloss!r}: give {', '.join(get_args(GlossChoice))}")
+        if self.gloss == "places" and self.matter == "fuzzy":
+            raise InputError("gloss is 'places', which is of a surface, and matter is 'fuzzy': give gloss one")
         parts_of(self.refine)
         if self.keep == 1:
             raise InputError("keep is 1: every photograph would be kept aside; give 2 or more, or 0 for none")
@@ -145,16 +155,19 @@ def _first_looks(
 ) -> tuple[FoundMatter, Look, RecoveryRun]:
     """The law of the matter, what is estimated beside the object, and the run of what is left to be done."""
     coarse = replace(settings, side=min(SIDE, settings.side), errors=False)
-    matter = FoundMatter("fuzzy" if settings.matter == "fuzzy" else "surface")
+    matter = FoundMatter(
+        "fuzzy" if settings.matter == "fuzzy" else "surface", "places" if settings.gloss == "places" else "one"
+    )
     work = run.work
     known = work.found.look or FoundLook(parts_of(settings.refine))
-    looks = (not lit) + (settings.matter == AUTO)
+    glosses = settings.gloss == AUTO and lit and settings.matter != "fuzzy"
+    looks = (not lit) + (settings.matter == AUTO) + glosses
 
-    def looked_at(number: int) -> Callable[[Views, Views, Law, FoundLook], Recovered]:
+    def looked_at(number: int) -> Callable[..., Recovered]:
         own = run.part(LOOK_SHARE * number, LOOK_SHARE, "first look")
 
-        def recovered(some: Views, others: Views, law: Law, start: FoundLook) -> Recovered:
-            return _recovered(some, others, coarse, FoundMatter(law), start.of_views(some), own.without_file())
+        def recovered(some: Views, others: Views, law: Law, start: FoundLook, gloss: Gloss = "one") -> Recovered:
+            return _recovered(some, others, coarse, FoundMatter(law, gloss), start.of_views(some), own.without_file())
 
         return recovered
 
@@ -164,10 +177,17 @@ def _first_looks(
         work.keep(look=known)
     if settings.matter == AUTO:
         if work.found.matter is None:
-            plain, second = FoundLook(known.parts, cameras=known.cameras), looked_at(looks - 1)
-            work.keep(matter=law_of(used, lambda a, b, law: second(a, b, law, known if law == "surface" else plain)))
+            plain, second = FoundLook(known.parts, cameras=known.cameras), looked_at(int(not lit))
+            tried = law_of(used, lambda a, b, law: second(a, b, law, known if law == "surface" else plain))
+            work.keep(matter=replace(tried, gloss=matter.gloss if tried.law == "surface" else "one"))
         matter = work.found.matter or matter
         known = known if matter.law == "surface" else FoundLook(known.parts, cameras=known.cameras)
+    if glosses and matter.law == "surface":
+        if not matter.gloss_tried:
+            last, start = looked_at(looks - 1), known
+            tried = gloss_of(used, lambda a, b, gloss: last(a, b, "surface", start, gloss))
+            work.keep(matter=replace(tried, tried=matter.tried))
+        matter = work.found.matter or matter
     return matter, known.of_views(used), run.part(LOOK_SHARE * looks, 1.0 - LOOK_SHARE * looks)
 
 
@@ -182,9 +202,9 @@ def _recovered(
     """What is recovered of views that are used, by what first looks found."""
     run.progress(0.0, "hull")
     work = run.work
-    levels = _levels(used, settings, matter.law, look, settings.rays, run.workers)
+    levels = _levels(used, settings, matter, look, settings.rays, run.workers)
     both = settings.errors and len(used) >= 2 * LEAST_VIEWS
-    known, errors = work.found.known, None
+    known, errors, halves = work.found.known, None, []
     try:
         of_whole = run.part(0.0, WHOLE_SHARE if both else 1.0)
         descent = levels.run(settings.steps, of_whole.progress, work.keeps(WHOLE), work.found.checkpoints.get(WHOLE))
@@ -193,17 +213,19 @@ def _recovered(
             work.keep(known=known, checkpoints={WHOLE: levels.end})
         if both:
             of_halves = run.part(WHOLE_SHARE, 1.0 - WHOLE_SHARE, "errors")
-            halves = _halves(levels, settings, matter.law, of_halves)
+            halves = _halves(levels, settings, matter, of_halves)
             before = levels.before.surface() if len(levels.sides) > 1 else None
             errors = errors_of(
                 levels.shape.surface(), [half.surface() for half in halves], before, matter.law == "fuzzy"
             )
-            known = known and known.with_halves(*(half.gloss for half in halves))
     except KeyboardInterrupt:
         if levels.descent is None and levels.start is levels.before:
             raise
     shape, look = levels.shape, levels.look
-    found = shape.surface()
+    found = shape.surface().in_order()
+    if known is not None:
+        known = known.in_order(order_of(shape.gloss))
+        known = known.with_halves(*(half.gloss[order_of(half.gloss)] for half in halves)) if halves else known
     used, kept = _changed(used, look), _changed(kept, look)
     return Recovered(
         found.lattice, np.asarray(without_crumbs(found.distance), np.float32), found.colours, found.gloss,
@@ -211,30 +233,35 @@ def _recovered(
         asdict(settings), stated=used[0].stated, evidence=known, errors=errors,
         complete=known is not None and (errors is not None or not both),
         look=look, fuzzy=shape if isinstance(shape, FuzzyShape) else None, matter_tried=matter.tried,
+        shares=found.shares, gloss_tried=matter.gloss_tried,
     )  # fmt: skip
 
 
-def _levels(views: Views, settings: RecoverySettings, law: Law, look: Look, rays: int, workers: Workers) -> Levels:
+def _levels(
+    views: Views, settings: RecoverySettings, matter: FoundMatter, look: Look, rays: int, workers: Workers
+) -> Levels:
     """The levels of some views, from their hull."""
     seen = _changed(views, look)
     outlines, stated = outlines_of(seen), views[0].stated
     low, high = box_of(outlines, stated)
     finest = Lattice.around(low, high, settings.side)
-    _check_room(law, settings.side, finest)
+    _check_room(matter, settings.side, finest)
     sides = sides_of(settings.side)
     lattice = Lattice.around(low, high, sides[0])
     hull = hull_distance(outlines, lattice, stated)
     if stated:
         check_all_show_it(outlines, lattice, hull)
     check_lamps([view.photograph for view in seen], lattice, hull)
-    return Levels(
-        views, SHAPES[law].of_hull(lattice, hull), sides, rays, settings.seed, settings.shadows, look, workers
-    )
+    start = SHAPES[matter.law].of_hull(lattice, hull)
+    if isinstance(start, SurfaceShape) and matter.gloss == "places":
+        start = start.with_two_glosses()
+    return Levels(views, start, sides, rays, settings.seed, settings.shadows, look, workers)
 
 
-def _check_room(law: Law, side: int, lattice: Lattice) -> None:
+def _check_room(matter: FoundMatter, side: int, lattice: Lattice) -> None:
     """`InputError` for a lattice that is larger than the memory: how many nodes would fit."""
-    need, free = BYTES_PER_NODE[law] * float(np.prod(lattice.shape)), free_memory()
+    each = BYTES_PER_NODE[matter.law] + BYTES_OF_SHARES * (matter.gloss == "places")
+    need, free = each * float(np.prod(lattice.shape)), free_memory()
     if need > SHARE_OF_MEMORY * free:
         fits = int(side * (SHARE_OF_MEMORY * free / need) ** (1.0 / 3.0)) - 1  # an edge may have a node more
         raise InputError(
@@ -244,13 +271,13 @@ def _check_room(law: Law, side: int, lattice: Lattice) -> None:
         )
 
 
-def _halves(whole: Levels, settings: RecoverySettings, law: Law, run: RecoveryRun) -> list[MatterShape]:
+def _halves(whole: Levels, settings: RecoverySettings, matter: FoundMatter, run: RecoveryRun) -> list[MatterShape]:
     """What each half of the photographs gives, from which the errors of what all gave follow."""
     halves, work = [], run.work
     for number, (name, views) in enumerate(zip(HALVES, halves_of(whole.views), strict=True)):
         keep = work.keeps(name)
         look = FoundLook.of(whole.look).of_views(views)
-        half = _levels(views, settings, law, look, settings.rays // 2, run.workers)
+        half = _levels(views, settings, matter, look, settings.rays // 2, run.workers)
         own = run.part(0.5 * number, 0.5)
         half.run(settings.steps, own.progress, keep, work.found.checkpoints.get(name))
         keep(half.end)
@@ -275,6 +302,8 @@ def _changed(views: Views, look: Look) -> Views:
 
 
 def _check_light_of(settings: RecoverySettings, lit: bool) -> None:
+    if not lit and settings.gloss == "places":
+        raise InputError("gloss is 'places', but no photograph has a lamp that could show it: give lamps, or gloss one")
     if not lit and settings.matter == "fuzzy" and settings.light not in (AUTO, "even"):
         raise InputError(
             f"light is {settings.light!r}, which is by the normal, and fuzzy matter has none: give light even"

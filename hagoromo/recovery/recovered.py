@@ -8,9 +8,11 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import drjit as dr
 import numpy as np
 from numpy.typing import NDArray
 
+from hagoromo.backend import Array3f
 from hagoromo.files.record import written_by
 from hagoromo.files.whole import whole_file
 from hagoromo.light.colour import srgb_encode
@@ -24,6 +26,7 @@ from hagoromo.recovery.lamp_table import LampTable
 from hagoromo.recovery.lattice import Lattice
 from hagoromo.recovery.look import Look
 from hagoromo.recovery.matter_field import MatterField
+from hagoromo.recovery.mixed_gloss import MixedGloss, mixed_gloss
 from hagoromo.recovery.object_view import ObjectView
 from hagoromo.recovery.rendering import Rendering
 from hagoromo.recovery.shading import NodeShading, figures
@@ -55,7 +58,8 @@ class RecoveredMesh(NamedTuple):
     """vertices (n, 3) [m], faces (m, 3), unit normals (n, 3) outwards, body colours (n, 3).
 
     photographs: (n,) that show each vertex; where none does, the surface is closed smoothly. Standard errors, NaN where
-    they are not known: position_errors (n,) along the normal [m], normal_errors (n,) [rad].
+    they are not known: position_errors (n,) along the normal [m], normal_errors (n,) [rad]. gloss: β and γ (n,); None:
+    the object has one gloss. gloss_errors: (n, 2) of ln β and ln γ.
     """
 
     vertices: NDArray[np.float64]
@@ -65,10 +69,13 @@ class RecoveredMesh(NamedTuple):
     photographs: NDArray[np.int32]
     position_errors: NDArray[np.float32]
     normal_errors: NDArray[np.float32]
+    gloss: MixedGloss | None = None
+    gloss_errors: NDArray[np.float32] | None = None
 
     def save(self, path: str | Path, force: bool = False) -> Path:
         """Write the mesh as PLY: its vertices have normals, sRGB colours, `photographs`, `position_error` [m] and
-        `normal_error` [rad]. `InputError` where `path` exists.
+        `normal_error` [rad]; where the gloss differs from place to place, `beta` [1/sr], `gamma` [rad] and their
+        standard errors, `beta_error` and `gamma_error`. `InputError` where `path` exists.
         """
         import trimesh
 
@@ -78,6 +85,10 @@ class RecoveredMesh(NamedTuple):
         made.vertex_attributes["photographs"] = self.photographs
         made.vertex_attributes["position_error"] = self.position_errors
         made.vertex_attributes["normal_error"] = self.normal_errors
+        if self.gloss is not None and self.gloss_errors is not None:
+            for name, values, errors in zip(("beta", "gamma"), self.gloss, self.gloss_errors.T, strict=True):
+                made.vertex_attributes[name] = values.astype(np.float32)
+                made.vertex_attributes[f"{name}_error"] = (values * errors).astype(np.float32)
         with whole_file(path, force) as partial:
             made.export(partial, file_type="ply")
         return Path(path)
@@ -97,7 +108,8 @@ class Recovered:
     beside the object; `photographs` and `kept` have the cameras and lamps that were found. fuzzy: the density of matter
     that has no surface, on the same lattice; `distance` is then that to the surface that stands for it, where the
     clearest way out has the optical depth ½. None: the matter is a surface. matter_tried: PSNR [dB] of each law that
-    was tried.
+    was tried. shares: (nz, ny, nx) of the second of two glosses, 0 … 1; None: the object has one gloss.
+    gloss_tried: PSNR [dB] of one gloss and of one of each place, where both were tried.
     """
 
     lattice: Lattice
@@ -118,6 +130,8 @@ class Recovered:
     look: Look = field(default_factory=Look)
     fuzzy: FuzzyShape | None = None
     matter_tried: Mapping[str, float] = field(default_factory=dict)
+    shares: NDArray[np.float32] | None = None
+    gloss_tried: Mapping[str, float] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         nodes = " × ".join(str(n) for n in self.lattice.shape[::-1])
@@ -138,15 +152,26 @@ class Recovered:
         """Refractive index."""
         return figures(self.gloss)[2]
 
+    def gloss_at(self, place: Array3f) -> MixedGloss:
+        """β and γ (n,) at places of the lattice."""
+        if self.shares is None:
+            return MixedGloss(*(np.full(dr.width(place), each) for each in (self.beta, self.gamma)))
+        return mixed_gloss(self.gloss, np.array(self.surface_field.share_at(place)))
+
     @property
     def matter(self) -> Law:
         """The law of the matter."""
         return "surface" if self.fuzzy is None else "fuzzy"
 
     @cached_property
+    def surface_field(self) -> DistanceField:
+        """The surface on the device; of fuzzy matter the one that stands for it."""
+        return DistanceField(self.distance, self.colours, self.shares)
+
+    @cached_property
     def field(self) -> MatterField:
         """The matter on the device."""
-        return DistanceField(self.distance, self.colours) if self.fuzzy is None else self.fuzzy.field()
+        return self.surface_field if self.fuzzy is None else self.fuzzy.field()
 
     @cached_property
     def rendering(self) -> Rendering:
@@ -172,6 +197,7 @@ class Recovered:
         """What was found, as plain data: the file beside a box."""
         scores, look = self.scores(), self.look
         edges = np.array(self.lattice.shape[::-1]) * self.lattice.voxel
+        materials = self.evidence.materials(self.gloss) if self.evidence and self.lit else []
         return {
             "hagoromo": written_by(dict(self.settings), self.settings.get("seed")),
             "name": self.name,
@@ -188,7 +214,10 @@ class Recovered:
             "voxel_m": self.lattice.voxel,
             "size_m": edges.tolist(),
             "photographs": len(self.photographs),
-            "material": self.evidence.material(self.gloss) if self.evidence and self.lit else None,
+            "material": materials[0] if materials else None,
+            "materials": materials,
+            "gloss": self._gloss(),
+            "gloss_tried_db": dict(self.gloss_tried),
             "errors": self._errors(),
             "kept_aside": [score._asdict() for score in scores],
             "assumptions": dict(self.assumptions),
@@ -204,6 +233,8 @@ class Recovered:
             "normal_rad": self.errors.normal[shown],
             "body_colour": self.errors.colour[shown].ravel(),
         }
+        if self.errors.gloss is not None:
+            all_of |= {"ln_beta": self.errors.gloss[shown][:, 0], "ln_gamma": self.errors.gloss[shown][:, 1]}
         surface = np.abs(self.distance) < 0.5
         found = {key: np.quantile(v, (0.5, 0.95)).tolist() if v.size else None for key, v in all_of.items()}
         return {
@@ -212,6 +243,18 @@ class Recovered:
             **found,
             "never_shown": float((self.evidence.photographs[surface] == 0).mean()),
         }
+
+    def _gloss(self) -> dict[str, Any] | None:
+        """β and γ of places that photographs show: their 5th, 50th and 95th percentiles; None: of the whole object."""
+        if self.shares is None:
+            return None
+        there = np.abs(self.distance) < 0.5
+        if self.evidence is not None and (there & (self.evidence.photographs > 0)).any():
+            there &= self.evidence.photographs > 0
+        found = mixed_gloss(self.gloss, self.shares[there])
+        quantiles = (0.05, 0.5, 0.95)
+        values = {name: np.quantile(each, quantiles).tolist() for name, each in found._asdict().items()}
+        return {"quantiles": list(quantiles), **values, "share": np.quantile(self.shares[there], quantiles).tolist()}
 
     def scores(self) -> list[Score]:
         """How well the photographs that were kept aside are predicted, unscaled."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from hagoromo.files.plot import nice
 from hagoromo.light.colour import delta_e_2000, srgb_encode
 from hagoromo.photograph.photograph import Photograph
+from hagoromo.recovery.mixed_gloss import mixed_gloss
 from hagoromo.recovery.object_view import ObjectView
 from hagoromo.recovery.recovered import Recovered
 from hagoromo_page.report.page import page_picture, write_page
@@ -27,7 +29,6 @@ BEHIND = 0.93  # grey behind normals
 
 def write_recovery_report(path: Path, recovered: Recovered, record: dict[str, Any]) -> None:
     """Write the page to `path`: one self-contained HTML file. record: that of `Recovered.record`."""
-    material = record["material"]
     views = recovered.photographs[:: max(len(recovered.photographs) // VIEWS, 1)]
     reach = nice(1e6 * record["errors"]["position_m"][1]) if record["errors"] else 0.0
     write_page(
@@ -37,7 +38,8 @@ def write_recovery_report(path: Path, recovered: Recovered, record: dict[str, An
         photographs=record["photographs"],
         kept=len(recovered.kept),
         found=_found(recovered, record),
-        gloss=[] if material is None else _gloss(material),
+        gloss=[_gloss(material) for material in record["materials"]],
+        places=_places(recovered, views),
         scores=[
             [s["name"], f"{s['psnr']:.2f}", f"{s['inside']:.2f}", f"{s['scaled']:.2f}"] for s in record["kept_aside"]
         ],
@@ -68,6 +70,15 @@ def _found(recovered: Recovered, record: dict[str, Any]) -> list[str]:
     if tried := record["matter_tried_db"]:
         words = ", ".join(f"{law} {db:.2f} dB" for law, db in tried.items())
         said.append(f"The matter is {record['matter']}. A first look tried: {words}.")
+    if places := record["gloss"]:
+        beta, gamma = ([f"{places[key][k]:.2g}" for k in (0, -1)] for key in ("beta", "gamma"))
+        said.append(
+            f"The gloss differs from place to place: β is {' to '.join(beta)} 1/sr and γ {' to '.join(gamma)} rad "
+            "in 90 % of what photographs show."
+        )
+    if tried := record["gloss_tried_db"]:
+        words = ", ".join(f"{kind} {db:.2f} dB" for kind, db in tried.items())
+        said.append(f"A first look tried one gloss and one of each place: {words}.")
     if not recovered.lit:
         tried = ", ".join(f"{kind} {db:.2f} dB" for kind, db in record["lights_tried_db"].items())
         said.append(f"The light is {record['lamps']}." + (f" A first look tried: {tried}." if tried else ""))
@@ -144,6 +155,24 @@ def _errors(recovered: Recovered, photograph: Photograph, reach: float) -> str:
     error = 1e6 * recovered.errors.position.ravel()[node].astype(np.float64)
     there = covered & np.isfinite(error) & (recovered.evidence.photographs.ravel()[node] > 0)
     return map_picture(error, there, crop, "viridis", (0.0, reach), "µm", photograph.name)
+
+
+def _places(recovered: Recovered, views: Sequence[Photograph]) -> list[str]:
+    """Maps of β and of γ that some views show; none where the object has one gloss."""
+    if recovered.shares is None:
+        return []
+    found = mixed_gloss(recovered.gloss, recovered.shares)
+    maps = []
+    for photograph in views:
+        node, opacity = recovered.places(photograph)
+        covered = opacity > COVERED
+        crop = around(covered) if covered.any() else (slice(0, covered.shape[0]), slice(0, covered.shape[1]))
+        for values, word, unit in ((found.beta, "β", "1/sr"), (found.gamma, "γ", "rad")):
+            limits = 0.0, nice(float(np.percentile(values[np.abs(recovered.distance) < 1.0], SCALE_PERCENTILE)))
+            maps.append(
+                map_picture(values.ravel()[node], covered, crop, "viridis", limits, unit, f"{word}, {photograph.name}")
+            )
+    return maps
 
 
 def _enlarged(linear: NDArray[np.floating]) -> NDArray[np.uint8]:

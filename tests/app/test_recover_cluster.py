@@ -57,6 +57,14 @@ def test_what_is_estimated_beside_the_object_has_the_same_bits(capture, address,
 
 
 @pytest.mark.nightly
+def test_the_gloss_of_places_has_the_same_bits(capture, address):
+    settings = replace(SETTINGS, side=18, steps=36, gloss="places")
+    one, other = hg.recover(capture, settings, scheduler=address), hg.recover(capture, settings)
+    same(one, other)
+    assert one.shares is not None and other.shares is not None and np.array_equal(one.shares, other.shares)
+
+
+@pytest.mark.nightly
 def test_fuzzy_matter_and_errors_have_the_same_bits(address):
     taken = fuzzy_simulated(down(2.0), shots(12, 5, 60, 1, pixels=40), 1).capture
     settings = replace(SETTINGS, side=34, steps=6, matter="fuzzy", errors=True)

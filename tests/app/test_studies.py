@@ -39,14 +39,15 @@ INSIDE = {  # modules of the package that a study takes apart, and why no public
     # exact shapes by signed distances, and light by the law itself, sphere-traced on the device
     "recover_scenes.py": {"backend", "matter", "reflectance.torrance_sparrow"},
     "recovery.py": {"backend"},
-    "recovery_scores.py": {"backend", "recovery.distance_field"},
+    "recovery_scores.py": {"backend", "image.relight.stage", "recovery.distance_field", "recovery.export"},
+    # β and γ that differ from place to place
+    "gloss_recovery.py": {"backend", "recovery.choices"},
     # the surface that stands for a box whose fibres are known
     "fuzzy_recovery.py": {
         "backend",
         "camera.response",
         "image.relight.stage",
         "recovery.choices",
-        "recovery.export",
         "recovery.fuzzy_shape",
         "recovery.lattice",
         "recovery.shading",

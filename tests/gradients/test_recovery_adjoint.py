@@ -7,9 +7,11 @@ import pytest
 import hagoromo as hg
 from hagoromo.backend import arrays, evaluate
 from hagoromo.recovery.distance_field import DistanceField
+from hagoromo.recovery.lamp_table import LampTable
+from hagoromo.recovery.lattice import Lattice
 from hagoromo.recovery.matter_field import COLOURS
 from hagoromo.recovery.matter_march import LatticeRays
-from hagoromo.recovery.shading import faded
+from hagoromo.recovery.shading import NodeShading, coordinates, faded, two_glosses
 from hagoromo.recovery.surface_march import SurfaceMarch, depth_between, share_of
 from hagoromo.recovery.surface_moves import BENDING, EIKONAL, smoothness_slope
 from hagoromo.recovery.unknown_light import TERMS, UnknownLight
@@ -51,6 +53,15 @@ class Smooth:
         return [e * colour for e, colour in zip(irradiance, colours, strict=True)]
 
 
+def two():
+    """Light of one near lamp on places that have shares of two glosses."""
+    camera = hg.Camera(1, 1, (1.0, 1.0), (0.5, 0.5))
+    dark, lamp = np.zeros((1, 1, 3), np.float32), hg.Lamp(position=(22.0, -30.0, 25.0), intensity=1500.0)
+    photograph = hg.Photograph(dark, dark + 1.0, np.ones((1, 1), bool), camera, (lamp,))
+    lamps = LampTable([photograph], Lattice(np.zeros(3), 1.0, (SIDE,) * 3))
+    return NodeShading(lamps, two_glosses(coordinates(3.0, 0.3, 1.5)))
+
+
 @pytest.fixture(scope="module", autouse=True)
 def even_steps():
     """Steps go by the field, and derivatives are those of held steps: here they are the same for every field.
@@ -65,14 +76,15 @@ def even_steps():
         yield
 
 
-@pytest.fixture(scope="module", params=[Glossy, Smooth], ids=["a lamp", "unknown light"])
+@pytest.fixture(scope="module", params=[Glossy, Smooth, two], ids=["a lamp", "unknown light", "two glosses"])
 def scene(request):
     """A bumpy ball, rays that meet it or pass it by, and the derivative of a loss by its light."""
     random, jit = np.random.default_rng(3), arrays()
     z, y, x = np.meshgrid(*[np.arange(SIDE) - 0.5 * (SIDE - 1)] * 3, indexing="ij")
     distance = np.sqrt(x * x + y * y + z * z) - 5.5 + 0.4 * np.sin(0.9 * x) * np.cos(0.8 * z)
     colours = 0.5 + 0.2 * np.sin(0.4 * np.stack([x + z, y, z - y], axis=3))
-    field = DistanceField(distance, colours)
+    shares = 0.5 + 0.4 * np.sin(0.5 * x - 0.4 * z) if request.param is two else None
+    field = DistanceField(distance, colours, shares)
     aside = random.uniform(-7.0, 7.0, (2, RAYS)) + 0.5 * (SIDE - 1)
     origin = jit.Array3f(column(aside[0]), column(np.full(RAYS, 1.6)), column(aside[1]))
     direction = dr.normalize(
