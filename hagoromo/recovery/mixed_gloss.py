@@ -28,8 +28,8 @@ def mixed_gloss(gloss: NDArray[np.floating], shares: NDArray[np.floating]) -> Mi
     """β and γ of places with these shares of the second gloss. gloss: see `NodeShading`, of two.
 
     >>> both = mixed_gloss(np.log([2.0, 0.1, 0.5, 0.2, 0.3]), np.array([0.0, 1.0]))
-    >>> both.beta.round(6), both.gamma.round(6)
-    (array([2. , 0.2]), array([0.1, 0.3]))
+    >>> both.beta.round(6).tolist(), both.gamma.round(6).tolist()
+    ([2.0, 0.2], [0.1, 0.3])
     """
     beta, gamma = np.exp([[gloss[k] for k in one[:2]] for one in each_gloss(gloss)]).T
     second = np.asarray(shares, np.float64)[..., None]
