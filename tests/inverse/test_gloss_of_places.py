@@ -70,7 +70,11 @@ def test_the_record_and_the_mesh_have_the_gloss_of_places(taken, tmp_path):
     assert record["gloss"]["beta"][0] < record["gloss"]["beta"][-1]
     mesh.save(tmp_path / "mesh.ply")
     read = trimesh.load(tmp_path / "mesh.ply", process=False).metadata["_ply_raw"]["vertex"]["data"]
-    assert np.allclose(read["beta"].ravel(), mesh.gloss.beta) and "gamma_error" in read.dtype.names
+    assert (
+        mesh.gloss is not None
+        and np.allclose(read["beta"].ravel(), mesh.gloss.beta)
+        and "gamma_error" in read.dtype.names
+    )
 
 
 def test_a_mixture_has_half_of_its_facets_at_gamma():
