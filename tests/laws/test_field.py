@@ -6,7 +6,9 @@ white matter.
 
 import math
 from dataclasses import replace
+from typing import cast
 
+import drjit as dr
 import numpy as np
 import pytest
 from scipy.ndimage import binary_dilation
@@ -27,10 +29,11 @@ from hagoromo.reflectance.element import Element, element_weights, projected_are
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.transport.field.cell_size import cell_size as real_cell_size
 from hagoromo.transport.field.cell_size import light_bytes
-from hagoromo.transport.field.cells import with_neighbours
+from hagoromo.transport.field.cells import Cells, with_neighbours
 from hagoromo.transport.field.directions import directions, turn
 from hagoromo.transport.field.scattering import ScatteringTables, scattered
 from hagoromo.transport.field.second_order import projected, second_order
+from hagoromo.transport.field.sweep import Path
 from hagoromo.transport.film import pixel_points
 from hagoromo.volume.box import VolumeBox
 
@@ -363,3 +366,14 @@ def test_what_mode_full_cannot_do_is_said_in_one_line():
     box = cube(matter("cylinder"), 3.0)
     with pytest.raises(InputError, match=r'isotropic extinction.*set extinction = "projected"'):
         render(scene_of(replace(box, extinction="isotropic")), SOLVED, mode="full")
+
+
+@pytest.mark.parametrize("begin", [0.5, 3000.0, 20000.0, 1e5, 1e7])
+def test_ways_go_on_however_far_they_come_from(begin):
+    """A way whose next face is not behind where it is, by rounding: 20,000 cells away 0.0005 of one is lost in a float."""
+    place = vectors(np.array([[-begin, 0.5, 0.5]]))
+    path = Path(cast(Cells, None), place, vectors(np.array([[1.0, 0.0, 0.0]])))
+    jit = arrays()
+    at = dr.opaque(jit.Float, begin)
+    end = path.end(jit.Array3f(-1.0, 0.0, 0.0), jit.Int(0), at)  # the face in front of the cell, which ends at `begin`
+    assert float(end[0]) > float(at[0])

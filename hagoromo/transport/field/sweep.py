@@ -36,6 +36,7 @@ BYTES_PER_WAY = 4.0  # of a cell
 FARTHEST = 1e9  # [cell] beyond all grids
 WITHIN = 0.4999  # [cell] of the middle of a cell, whatever the rounding
 LEAST_STEP = 5e-4  # [cell] so that rays go on whatever the rounding
+LEAST_SHARE = 2.0**-22  # of the distance, two steps of its float: rays that come from far go on, too
 Sight = Callable[[Cells, Array3f, Array3f], Float]  # place on the grid, direction → distance to a surface [cell]
 
 
@@ -264,7 +265,8 @@ class Path:
         """Where the way leaves a cell that it enters at `begin`, or the empty cells around it; see `Cells.find`."""
         reach = dr.select(number < 0, -number - 1, 0)
         faces = arrays().Array3f(dr.select(self.ahead, cell + 1 + reach, cell - reach))
-        return dr.fmax(dr.min((faces - self.place) * self.inverse), begin + LEAST_STEP)
+        least = dr.fmax(LEAST_STEP, LEAST_SHARE * begin)
+        return dr.fmax(dr.min((faces - self.place) * self.inverse), begin + least)
 
     def entry(self) -> Float:
         """Where the way enters the grid; 0 from inside."""
