@@ -370,7 +370,7 @@ def test_what_mode_full_cannot_do_is_said_in_one_line():
 
 @pytest.mark.parametrize("begin", [0.5, 3000.0, 20000.0, 1e5, 1e7])
 def test_ways_go_on_however_far_they_come_from(begin):
-    """A way whose next face is not behind where it is, by rounding: 20,000 cells away 0.0005 of one is lost in a float."""
+    """A way whose next face is where it is, by rounding: 20,000 cells away 0.0005 of one is lost in a float."""
     place = vectors(np.array([[-begin, 0.5, 0.5]]))
     path = Path(cast(Cells, None), place, vectors(np.array([[1.0, 0.0, 0.0]])))
     jit = arrays()
