@@ -23,7 +23,6 @@ import tyro
 from tyro.conf import Positional
 
 import hagoromo as hg
-from hagoromo.files.cache import PLACE
 from hagoromo.image.modes import Mode
 from hagoromo_matter.demo.figure_scene import camera_of, cast_of, resized_scene, write_figure_scene
 from hagoromo_matter.demo.figures import PAPER_FIGURES
@@ -172,7 +171,7 @@ def made(
     words += ("--denoise",) if denoise else ()
     words += ("--resume",) if mode == "path" and picture.exists() else ()
     start = time.monotonic()
-    alone = os.environ | {PLACE: "off"}  # light that another picture solved would be missing in the time
+    alone = os.environ | {"HAGOROMO_CACHE": "off"}  # light that another picture solved would be missing in the time
     child = os.spawnve(os.P_NOWAIT, sys.executable, [sys.executable, "-m", "hagoromo", *words, "--force"], alone)
     _, status, used = os.wait4(child, 0)
     if status:
