@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array, diags_array
+from scipy.sparse.linalg import cg
 
 from hagoromo.recovery.gloss_step import Slopes, without_colours
 
@@ -26,8 +28,9 @@ class ShareSteps:
         self.place = np.full(int(np.prod(shape)), count, np.int64)  # of nodes that do not move: the one after the last
         self.place[self.nodes] = np.arange(count)
         rows = (1, shape[2], shape[2] * shape[1])
-        self.around = [self.place[self.nodes + sign * row] for row in rows for sign in (-1, 1)]
-        self.edges = sum((each < count).astype(float) for each in self.around)
+        around = np.stack([self.place[self.nodes + sign * row] for row in rows for sign in (-1, 1)])
+        _, one = np.nonzero(around < count)
+        self.neighbours = csr_array((np.ones(len(one)), (one, around[around < count])), (count, count))
         self.matrix, self.side = np.zeros(count), np.zeros(count)
         self.draws, self.pixels = 0, 0
 
@@ -47,23 +50,7 @@ class ShareSteps:
     def _solved(self, each: float, start: Array) -> Array:
         """The minimum of ½ Σ matrix (share − known)² + ½ pull Σ (difference of neighbours)², by conjugate gradients."""
         pull = SHARE_EVENNESS * each
-        diagonal = self.matrix + pull * self.edges + 1e-9
-
-        def times(x: Array) -> Array:
-            padded = np.append(x, 0.0)
-            return diagonal * x - pull * sum(padded[each] for each in self.around)
-
-        x = start.copy()
-        rest = self.side - times(x)
-        way = rest / diagonal
-        now = first = float((rest * way).sum())
-        for _ in range(ITERATIONS):
-            if now <= ENOUGH**2 * first or now <= 0.0:
-                break
-            onto = times(way)
-            length = now / float((way * onto).sum())
-            x, rest = x + length * way, rest - length * onto
-            scaled = rest / diagonal
-            before, now = now, float((rest * scaled).sum())
-            way = scaled + (now / before) * way
-        return x
+        diagonal = self.matrix + pull * self.neighbours.sum(axis=1) + 1e-9
+        system, scaled = diags_array(diagonal) - pull * self.neighbours, diags_array(1.0 / diagonal)
+        rest = self.side - system @ start
+        return start + cg(system, rest, rtol=ENOUGH, atol=0.0, maxiter=ITERATIONS, M=scaled)[0]
