@@ -66,11 +66,8 @@ def evidence_of(descent: Descent, coarser: NDArray[np.floating] | None = None) -
         for first in range(0, len(chosen), AT_ONCE)
     ]
     slopes = Slopes(*(np.concatenate(each) for each in zip(*parts, strict=True)))
-    gloss = (
-        _gloss_covariance(slopes, copies, len(descent.gloss))
-        if descent.lamps.each
-        else np.zeros((len(descent.gloss),) * 2)
-    )
+    numbers = len(descent.gloss)
+    gloss = _gloss_covariance(slopes, copies, numbers) if descent.lamps.each else np.zeros((numbers, numbers))
     if coarser is not None and descent.lamps.each:
         gloss = gloss + np.diag((descent.gloss - coarser) ** 2)
     photographs = _photographs(slopes, count).reshape(shape)

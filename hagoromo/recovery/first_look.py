@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, TypeAlias, get_args
+from typing import TYPE_CHECKING, Any, TypeAlias, get_args
 
 import numpy as np
 
@@ -57,21 +57,24 @@ def first_look(
 
 def law_of(views: Sequence[ObjectView], coarse: Callable[[Views, Views, Law], Recovered]) -> FoundMatter:
     """Whether the matter of some views has a surface. coarse: recovers from used views and kept ones, by a law."""
-    used, kept = judged(views)
-    if not kept:
-        return FoundMatter("surface")
-    tried = {str(law): _psnr(_complete(coarse(used, kept, law))) for law in get_args(Law)}
-    return FoundMatter("fuzzy" if tried["fuzzy"] >= tried["surface"] + FUZZY_BETTER else "surface", tried=tried)
+    tried = _tried(views, get_args(Law), coarse)
+    fuzzy = bool(tried) and tried["fuzzy"] >= tried["surface"] + FUZZY_BETTER
+    return FoundMatter("fuzzy" if fuzzy else "surface", tried=tried)
 
 
 def gloss_of(views: Sequence[ObjectView], coarse: Callable[[Views, Views, Gloss], Recovered]) -> FoundMatter:
     """Whether the gloss of a surface differs from place to place. coarse: recovers from used views and kept ones."""
-    used, kept = judged(views)
-    if not kept:
-        return FoundMatter("surface")
-    tried = {str(gloss): _psnr(_complete(coarse(used, kept, gloss))) for gloss in get_args(Gloss)}
-    better = tried["places"] >= tried["one"] + PLACES_BETTER
+    tried = _tried(views, get_args(Gloss), coarse)
+    better = bool(tried) and tried["places"] >= tried["one"] + PLACES_BETTER
     return FoundMatter("surface", "places" if better else "one", gloss_tried=tried)
+
+
+def _tried(
+    views: Sequence[ObjectView], kinds: Sequence[str], coarse: Callable[[Views, Views, Any], Recovered]
+) -> dict[str, float]:
+    """PSNR [dB] of kept views by each kind of what is recovered; nothing where there are too few views to keep one."""
+    used, kept = judged(views)
+    return {kind: _psnr(_complete(coarse(used, kept, kind))) for kind in kinds} if kept else {}
 
 
 def judged(views: Sequence[ObjectView]) -> tuple[Views, Views]:

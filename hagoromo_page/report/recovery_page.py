@@ -138,7 +138,7 @@ def _normals(recovered: Recovered, photograph: Photograph) -> Any:
     local = normals @ camera.T * np.array([1.0, -1.0, -1.0])
     covered = opacity > COVERED
     picture = np.where(covered[..., None], 0.5 + 0.5 * local, BEHIND)
-    crop = around(covered) if covered.any() else (slice(None), slice(None))
+    crop = _crop(covered)
     pixels = (255.0 * np.clip(picture[crop], 0.0, 1.0)).astype(np.uint8)
     times = max(round(PHOTOGRAPH_WIDTH_PX / 2 / pixels.shape[1]), 1)
     shown = pixels.repeat(times, axis=0).repeat(times, axis=1)
@@ -151,7 +151,7 @@ def _errors(recovered: Recovered, photograph: Photograph, reach: float) -> str:
     assert recovered.errors is not None and recovered.evidence is not None  # `reach` is known
     node, opacity = recovered.places(photograph)
     covered = opacity > COVERED
-    crop = around(covered) if covered.any() else (slice(0, covered.shape[0]), slice(0, covered.shape[1]))
+    crop = _crop(covered)
     error = 1e6 * recovered.errors.position.ravel()[node].astype(np.float64)
     there = covered & np.isfinite(error) & (recovered.evidence.photographs.ravel()[node] > 0)
     return map_picture(error, there, crop, "viridis", (0.0, reach), "µm", photograph.name)
@@ -161,18 +161,25 @@ def _places(recovered: Recovered, views: Sequence[Photograph]) -> list[str]:
     """Maps of β and of γ that some views show; none where the object has one gloss."""
     if recovered.shares is None:
         return []
-    found = mixed_gloss(recovered.gloss, recovered.shares)
+    found, near = mixed_gloss(recovered.gloss, recovered.shares), np.abs(recovered.distance) < 1.0
+    shown = [
+        (values.ravel(), (0.0, nice(float(np.percentile(values[near], SCALE_PERCENTILE)))), unit, word)
+        for values, unit, word in ((found.beta, "1/sr", "β"), (found.gamma, "rad", "γ"))
+    ]
     maps = []
     for photograph in views:
         node, opacity = recovered.places(photograph)
         covered = opacity > COVERED
-        crop = around(covered) if covered.any() else (slice(0, covered.shape[0]), slice(0, covered.shape[1]))
-        for values, word, unit in ((found.beta, "β", "1/sr"), (found.gamma, "γ", "rad")):
-            limits = 0.0, nice(float(np.percentile(values[np.abs(recovered.distance) < 1.0], SCALE_PERCENTILE)))
-            maps.append(
-                map_picture(values.ravel()[node], covered, crop, "viridis", limits, unit, f"{word}, {photograph.name}")
-            )
+        crop = _crop(covered)
+        for values, limits, unit, word in shown:
+            title = f"{word}, {photograph.name}"
+            maps.append(map_picture(values[node], covered, crop, "viridis", limits, unit, title))
     return maps
+
+
+def _crop(covered: NDArray[np.bool_]) -> tuple[slice, slice]:
+    """What is around the pixels that show the object; the whole picture where none does."""
+    return around(covered) if covered.any() else (slice(0, covered.shape[0]), slice(0, covered.shape[1]))
 
 
 def _enlarged(linear: NDArray[np.floating]) -> NDArray[np.uint8]:
