@@ -29,9 +29,7 @@ Array4u: TypeAlias = Any
 
 X86 = ("x86_64", "AMD64", "i386", "i686")
 BACKENDS = ("cuda", "metal", "llvm")
-LEAST_THREADS = (
-    2  # of kernels: one alone is Python's own, in which numbers below 1e-38 are not taken for 0 as in others
-)
+LEAST_THREADS = 2  # of kernels: one alone is Python's own, which does not take numbers below 1e-38 for 0
 ALIGNMENT = 64  # bytes, of Dr.Jit's own memory: the widest vector of 16 floats
 MOST_ENTRIES = 2**32 - 1  # largest number of entries of an array, whose indices have 32 bits
 OLDEST_LLVM = 17  # oldest version on x86: with older ones, kernels with a maximum or arctan2 abort (Dr.Jit 1.5)

@@ -116,6 +116,7 @@ def lamps_elsewhere() -> Simulated:
 
 CASES = {
     "near": Case("36 views, a near lamp each, 5 to 60° off the eye", lambda: taken(shots(36, 5, 60, SEED))),
+    "near48": Case("the same, 48 nodes", lambda: taken(shots(36, 5, 60, SEED)), 48),
     "near128": Case("the same, 128 nodes", lambda: taken(shots(36, 5, 60, SEED)), 128),
     "six": Case("6 views × 6 lamps", lambda: taken(shots(6, 5, 60, SEED, lamps=6))),
     "twelve": Case("12 views only", lambda: taken(shots(12, 5, 60, SEED))),

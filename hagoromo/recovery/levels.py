@@ -139,7 +139,7 @@ class Levels:
 def sides_of(finest: int) -> list[int]:
     """Nodes along the longest edge of all levels: each has voxels of half the edge of the one before.
 
-    The last halving of the voxel shows the error of the lattice, and a coarse level finds what a fine one does not.
+    The last halving of the voxel shows the error of the lattice.
     """
     levels = [finest]
     while (coarser := (levels[0] + 1) // 2) >= (LEAST if len(levels) == 1 else COARSEST):

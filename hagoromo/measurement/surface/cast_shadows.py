@@ -39,9 +39,7 @@ NARROWER = 1.3  # by how much less stretched edges give way in each of the first
 LEAST_PART = 25  # pixels of a part that has a depth of its own
 WEAK = 1e-6  # weight of where a part is, in weights of bounds: it holds what no edge and no bound does
 HALF_LIGHT = np.radians(1.0)  # height of a lamp over the horizon from which all its light arrives, and none below −
-EVIDENT = (
-    0.25  # Σ of squared shares over lamps, of one half lit, by which a pixel's shadows must fit better across a step
-)
+EVIDENT = 0.25  # by how much Σ (predicted share − share)² over lamps must fall where a pixel changes sides of a step
 BETTER = 0.8  # of the misfit of shadows by normals alone: with more nothing is changed
 
 
