@@ -79,6 +79,7 @@ def test_a_picture_of_tiles_has_the_bits_of_one_machine(slab, address, tmp_path,
     assert one.with_suffix(".png").read_bytes() == many.with_suffix(".png").read_bytes()
 
 
+@pytest.mark.nightly
 def test_tiles_under_many_lamps_have_the_bits_of_one_machine(scene, cluster, monkeypatch):
     """Two batches of lamps, which add in one order whichever tile is done first."""
     monkeypatch.setattr(render_tiles, "FEWEST_RAYS", 200)

@@ -41,7 +41,9 @@ from hagoromo_formats.mitsuba.bsdf_numbers import PLACED, numbers_of
 from hagoromo_formats.mitsuba.plugin import COLOURS
 from hagoromo_formats.mitsuba.read import scene_from_mitsuba
 from hagoromo_formats.mitsuba.write import write_mitsuba
+from hagoromo_formats.reflectances import rgl_out
 from hagoromo_formats.relightable import export as export_module
+from hagoromo_formats.relightable import openmaterial
 from hagoromo_formats.scenes.gltf_scene import gltf_from_scene
 from hagoromo_formats.scenes.usd_out import usd_from_scene
 from hagoromo_page.publication.document import document
@@ -383,6 +385,9 @@ def published(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(export_module, "LAMPS", 9)
         patch.setattr(export_module, "TESTED", 2)
+        for name, few in {"INCIDENCES": 6, "PLACES": 8, "FINE": 256}.items():
+            patch.setattr(rgl_out, name, few)
+        patch.setattr(openmaterial, "EVERY_NM", 100.0)
         for name in ("", *LIT):
             material = FIRST if not name else replace(FIRST, **{name: OF_ESTIMATE[name]})
             made[name] = forms_of(measured(material), tmp_path_factory.mktemp(name or "first"))

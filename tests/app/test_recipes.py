@@ -46,7 +46,7 @@ def test_every_recipe_is_in_the_gallery():
     assert {item.recipe for item in ITEMS.values()} == set(RECIPES)
 
 
-@pytest.mark.by_night("stockinette", "primary")
+@pytest.mark.by_night("hair", "stockinette", "primary")
 @pytest.mark.parametrize("name", BY_NIGHT)
 def test_a_recipe_builds(name, tmp_path, capsys, few_match_points):
     """By the command line, to a box that loads with matter in it; in memory, twice, with the same bits.

@@ -33,6 +33,7 @@ def same(one, other):
     assert np.array_equal(one.evidence.photographs, other.evidence.photographs)
 
 
+@pytest.mark.nightly
 def test_a_killed_worker_loses_nothing(capture, cluster, address):
     """One of two is killed after some steps; gradients, the gloss and its covariance have the bits of one process."""
     before = pids(cluster)
@@ -85,6 +86,7 @@ def test_the_command_takes_workers(capture, tmp_path):
     assert (tmp_path / "here.ply").read_bytes() == (tmp_path / "there.ply").read_bytes()
 
 
+@pytest.mark.nightly
 def test_a_lattice_larger_than_the_memory_is_refused_with_what_would_fit(capture, monkeypatch):
     monkeypatch.setattr(recovering, "free_memory", lambda: 64 << 20)
     with pytest.raises(hg.InputError, match=r"of 512 nodes along its edge needs .* --side \d+ would fit") as error:

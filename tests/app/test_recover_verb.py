@@ -93,6 +93,7 @@ def interrupting(method, call):
     return called
 
 
+@pytest.mark.nightly
 def test_fuzzy_matter_is_written_as_a_box_of_fibres(capture, tmp_path):
     import trimesh
 

@@ -144,6 +144,7 @@ def test_another_camera_sees_the_boxes_as_it_saw_the_object(capture, tmp_path):
     assert found.compared["boxes"].relative_rmse < 0.12 and found.mask.sum() > 2000
 
 
+@pytest.mark.nightly
 def test_the_call_is_the_command(relit, capture, tmp_path):
     """The same data files, to the bit; the result prints in a few words, and its table escapes names."""
     relighting = hg.relight(hg.load_capture(capture))

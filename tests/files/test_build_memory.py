@@ -112,6 +112,7 @@ def test_fibres_do_not_depend_on_how_many_bricks_are_summed_up_at_once(monkeypat
         assert np.array_equal(values, parts.read(0, parts.kept)[name]), name
 
 
+@pytest.mark.nightly
 def test_fibres_take_little_more_memory_than_their_voxels(monkeypatch):
     """Peak of what NumPy takes while they are summed up: 16 bytes a voxel, and what the pieces and some bricks need."""
     monkeypatch.setattr(fibres, "BRICKS_AT_ONCE", 64)

@@ -87,6 +87,7 @@ def test_whatever_leaves_one_out_is_said_with_what_to_do(value, error, finding, 
     assert found.record()["interval_95"] == list(found.interval) and found.record()["finding"] == finding
 
 
+@pytest.mark.by_night("matte-20")
 @pytest.mark.parametrize("count", [6, 20])
 @pytest.mark.parametrize("body", ["matte", "glossy"])
 def test_linear_values_under_exact_lamps_are_not_doubted(body, count):

@@ -153,6 +153,7 @@ def test_maps_are_written_shown_and_the_file_reads_back(worn, tmp_path):
     assert "Gloss over the surface" in (tmp_path / "report.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.nightly
 def test_n_is_asked_of_the_pixels_not_of_the_drift():
     """One gloss for all would shift n to where the drift of β looks like Fresnel's law: under 12 lamps to 1.76."""
     capture = ball(BETA, GAMMA, 2)
@@ -162,6 +163,7 @@ def test_n_is_asked_of_the_pixels_not_of_the_drift():
     assert low < N < high and high - low < 0.3
 
 
+@pytest.mark.nightly
 def test_wrong_normals_are_no_variation():
     """Normals off by 1° shift highlights: gloss of each pixel's own follows them, and leaves most of it unexplained."""
     capture = even(8, 12)

@@ -64,6 +64,7 @@ def profiles(width, slope, noise):
     return *root, float(np.mean(np.concatenate(held)))
 
 
+@pytest.mark.by_night("0.002-3.0")
 @pytest.mark.parametrize("width", [2.0, 3.0, pytest.param(4.0, marks=pytest.mark.nightly),
                                    pytest.param(6.0, marks=pytest.mark.nightly),
                                    pytest.param(10.0, marks=pytest.mark.nightly)])  # fmt: skip

@@ -135,7 +135,7 @@ def test_places_that_photographs_show_are_counted(recovered):
 def test_without_lamps_colours_are_the_light_that_is_sent_out(taken):
     """Fixed light that nobody knows: the light of the object is then its colour, and the result says so."""
     dark = hg.Capture(tuple(replace(p, lamps=()) for p in taken.capture.photographs), "unlit")
-    found = hg.recover(dark, replace(SETTINGS, steps=10))
+    found = hg.recover(dark, replace(SETTINGS, side=16, steps=10))
     assert not found.lit and "unknown" in found.record()["lamps"]
     assert found.box(40).materials[0].beta == 0.0
 
@@ -325,7 +325,7 @@ def test_silhouettes_survive_a_file(taken, tmp_path):
 
 def test_strengths_that_are_wrong_are_refined_and_their_mean_stays(taken):
     wrong = misstated(taken, 0.0, 0.15, 1)
-    found = hg.recover(wrong.capture, replace(SETTINGS, refine="lamps"))
+    found = hg.recover(wrong.capture, replace(SETTINGS, side=24, refine="lamps"))
     assert strengths_off(found.photographs, taken) < 0.5 * strengths_off(wrong.capture.photographs, taken)
     assert found.look.strengths is not None
     assert np.mean(found.look.strengths.values) == pytest.approx(0.0, abs=1e-9)

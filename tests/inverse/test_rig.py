@@ -298,6 +298,7 @@ def test_a_rig_of_large_photographs_is_read_one_at_a_time(small_tiles, tmp_path,
     assert np.abs(numbers(rig) - true_numbers()).max() < 2e-3
 
 
+@pytest.mark.nightly
 @pytest.mark.filterwarnings("ignore:exponent .* the lamps are off")  # they are: that is what the rig is for
 def test_tiles_are_evened_by_the_rig(small_tiles, tmp_path, of_card):
     """Far lamps whose colours differ by 2 %, which a solution without a rig lacks: its χ² falls to a tenth with it."""

@@ -105,6 +105,7 @@ def far_ball(share: float, seed: int) -> Capture:
     return Capture(tuple(photographs), "ball")
 
 
+@pytest.mark.by_night("0.02")
 @pytest.mark.parametrize("share", [pytest.param(0.0, marks=pytest.mark.nightly), SHARE])
 def test_pixels_of_unknown_shape_find_it_too(share):
     """Normals, bodies, gloss and lamps are free as well, yet shadows show it."""

@@ -127,6 +127,7 @@ def test_presence_is_a_half_on_the_hem(tmp_path):
     assert np.abs(chart["height"] + 0.3).max() < 1e-5
 
 
+@pytest.mark.nightly
 def test_recipes_drape_cloth_over_a_body_and_refuse_one_without_it(tmp_path, monkeypatch):
     """The cloth hangs from a box of 12 mm: on its top and down to the floor, and not in it."""
     monkeypatch.setattr(drape, "POINTS", 20)

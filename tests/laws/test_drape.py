@@ -117,6 +117,7 @@ def test_cloth_falls_over_a_mesh_as_over_the_ball_that_it_is(few_points, tmp_pat
     assert over_mesh.points[..., 2].min() > 0.59 and np.abs(strains(over_mesh, 50.0, 46.0)).mean() < 0.01
 
 
+@pytest.mark.nightly
 def test_a_body_that_stands_through_the_cloth_is_said(few_points):
     """A needle of 1 mm; a plate of 1 mm on edge, as wide as the cloth, carries it: its points cannot slip past it."""
 

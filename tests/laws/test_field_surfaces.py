@@ -130,6 +130,7 @@ def test_cells_of_samples_without_weight_hold_no_matter(monkeypatch):
     assert centroids and max(centroids) <= 0.5
 
 
+@pytest.mark.nightly
 def test_another_camera_costs_a_march(monkeypatch):
     scene, cache, points = on_a_floor(paint(0.9, element="sphere"), paint(0.8)), SceneCache(), pixel_points(1, 0)
     first = full.full_picture(scene, hg.Settings(walks=0), points, cache)

@@ -22,6 +22,7 @@ class SmallCast(Cast):
         return hg.VolumeBox.from_arrays(np.ones((3, 4, 5)), axes, 0.01, 100.0, [MATERIAL], pose=pose)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(("name", "seconds"), [("figure_7_skin", 0.0), ("figure_8_whole", 2.0)])
 def test_a_figure_as_a_file_is_its_scene(tmp_path, name, seconds):
     cast, camera = SmallCast(MEASURED, 0.5, 1), camera_of(90)

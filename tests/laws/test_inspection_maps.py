@@ -98,6 +98,7 @@ def test_the_error_of_the_curvature_is_the_scatter_of_measured_ones(width):
     assert np.sqrt(np.mean(ratio**2)) == pytest.approx(1.0, abs=0.03)
 
 
+@pytest.mark.by_night("60.0")
 @pytest.mark.parametrize("slope", [45.0, 60.0])
 def test_the_middle_of_a_groove_sees_the_sky_that_its_walls_leave(slope):
     """On a wall of a long V-groove it is ½(1 + sin θ), θ from the normal down to the rim of the other wall."""
@@ -121,6 +122,7 @@ def test_the_middle_of_a_groove_sees_the_sky_that_its_walls_leave(slope):
     assert row[4] == pytest.approx(1.0, abs=0.01)
 
 
+@pytest.mark.nightly
 def test_the_floor_of_a_trench_sees_the_sine_of_half_its_opening():
     """Of depth d and width w, in its middle: w / √(w² + 4 d²); its walls are one pixel wide."""
     view, half, depth = camera(241, 401, 1e-4, FAR), 3e-3, 2e-3

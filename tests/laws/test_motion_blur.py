@@ -203,6 +203,7 @@ def scene_with_pyramid(scene_file, tmp_path):
     return scene_file(TURN + TURN_OF_PYRAMID, PYRAMID)
 
 
+@pytest.mark.nightly
 def test_a_surface_that_moves_is_the_mean_of_those_at_several_times(scene_with_pyramid):
     """Blocks in their noise, of all orders: its shadow and its relief turn with it."""
     blurred, _ = mean_of_several(scene_with_pyramid)

@@ -102,6 +102,7 @@ def test_body_alone_reflects_pi_alpha(element):
     assert 4 * math.pi * body.mean() == pytest.approx(math.pi * 0.3, rel=1e-3)  # a horizon cuts the point set
 
 
+@pytest.mark.by_night("0.05-sphere", "0.2-sphere")
 @pytest.mark.parametrize("element", ["cylinder", "sphere"])
 @pytest.mark.parametrize("gamma", [0.05, 0.2, 0.4])
 def test_elements_are_the_mean_over_the_normals_that_the_eye_sees(element, gamma):

@@ -66,6 +66,7 @@ def test_full_follows_light_to_and_fro_between_sheets(side):
     assert light(scene, mode="full")[0] == pytest.approx(expected, rel=0.02)
 
 
+@pytest.mark.nightly
 def test_march_and_full_show_a_cloud_under_a_sheet_as_path_does():
     """A lamp above a paper screen lights granules below it, all by light that the screen lets through: march shows the
     sheet's light alone, as path of one order does; the whole of full is within 5 % of path's.

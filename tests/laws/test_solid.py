@@ -58,6 +58,7 @@ def test_axes_of_a_ring_look_outwards(tmp_path):
     assert along.min() > np.cos(np.radians(3))  # and 1° of two rounded components
 
 
+@pytest.mark.by_night("a.obj-how4", "a.glb-how6", "a.stl-how2")
 @pytest.mark.parametrize(
     ("name", "how"),
     [("a.ply", {}), ("b.ply", {"encoding": "ascii"}), ("a.stl", {}), ("b.stl", {"file_type": "stl_ascii"}),

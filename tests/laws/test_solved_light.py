@@ -143,6 +143,7 @@ def changed(record: Any, change: dict[str, Any]) -> Any:
     return replace(record, **change)
 
 
+@pytest.mark.by_night("box+floor")
 @pytest.mark.parametrize("parts", PARTS, ids="+".join)
 def test_stored_light_of_wrong_sizes_is_refused(place, parts, monkeypatch):
     """Numbers, cells or channels that do not fit each other, or the scene."""

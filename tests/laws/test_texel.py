@@ -148,7 +148,7 @@ def depth(box, origin, direction):
     return float(optical_depth(Medium([box]), *ray, deepest=math.inf)[0])
 
 
-@pytest.mark.by_night("march-projected", "map-projected", "none-isotropic")
+@pytest.mark.by_night("march-projected", "map-projected", "march-isotropic")
 @pytest.mark.parametrize(
     ("shadows", "extinction"),
     [("none", "isotropic"), ("march", "isotropic"), ("march", "projected"), ("map", "projected")],
@@ -250,6 +250,7 @@ def test_levels_keep_means_and_close_periods():
         assert found == pytest.approx(wanted, rel=1e-3)
 
 
+@pytest.mark.by_night("projected")
 @pytest.mark.parametrize("extinction", ["isotropic", "projected"])
 def test_matched_levels_pass_and_send_back_what_the_finest_does(extinction):
     """3 % of the mean light over random pairs of directions, to none of which the scales were fitted."""

@@ -78,6 +78,7 @@ def test_rays_that_miss_see_nothing():
     assert bool(np.array(aside.there).all()) and np.array(aside.distance).item() == pytest.approx(0.9, rel=1e-5)
 
 
+@pytest.mark.by_night("path-stout")
 @pytest.mark.parametrize("name", TUBES)
 @pytest.mark.parametrize("mode", ["path", "march"])
 def test_a_floor_is_lit_as_by_quadrature(name, mode):
