@@ -80,7 +80,7 @@ sizes that are checked first.
 """
 
 
-class Case(NamedTuple):
+class ApartCase(NamedTuple):
     """A file; how a command reads it with its library here, and apart; why it is not read apart, if it is not."""
 
     name: str
@@ -109,7 +109,7 @@ def main() -> None:
     print(f"{asked.out} written")
 
 
-def row_of(case: Case, seconds: float) -> str:
+def row_of(case: ApartCase, seconds: float) -> str:
     """The row of a sample, which is printed, too."""
     here, away = compared(case, seconds)
     size = case.path.stat().st_size / MB
@@ -126,7 +126,7 @@ def row_of(case: Case, seconds: float) -> str:
     return row
 
 
-def compared(case: Case, seconds: float) -> tuple[float, float]:
+def compared(case: ApartCase, seconds: float) -> tuple[float, float]:
     """Seconds of computing that one reading takes here and apart: the least of readings in turn."""
     times: tuple[list[float], list[float]] = ([], [])
     ways = (lambda: case.here(case.path), lambda: case.apart(case.path))
@@ -175,17 +175,17 @@ def _by_library(read: Callable[..., Any], path: str | Path, what: str, *given: A
     return {name: np.asarray(array) for name, array in read(Path(path), *given).items()}
 
 
-def read_by(name: str, library: str, path: Path, read: Callable[[Path], Any], why_not: str = "") -> Case:
+def read_by(name: str, library: str, path: Path, read: Callable[[Path], Any], why_not: str = "") -> ApartCase:
     """What commands read apart."""
-    return Case(name, library, path, with_library_here(read), read, why_not)
+    return ApartCase(name, library, path, with_library_here(read), read, why_not)
 
 
-def read_here(name: str, library: str, path: Path, read: Callable[[Path], Any], why_not: str) -> Case:
+def read_here(name: str, library: str, path: Path, read: Callable[[Path], Any], why_not: str) -> ApartCase:
     """What commands read here; read: a function that the process apart can find."""
-    return Case(name, library, path, read, lambda path: READ_APART(read, path, name), why_not)
+    return ApartCase(name, library, path, read, lambda path: READ_APART(read, path, name), why_not)
 
 
-def cases(home: Path) -> Sequence[Case]:
+def cases(home: Path) -> Sequence[ApartCase]:
     """The samples, written into a folder."""
     return [*pictures(home), *others(home), *volumes(home), *not_apart(home)]
 
@@ -200,7 +200,7 @@ def photograph() -> np.ndarray:
     return np.clip(255.0 * fine + random.normal(0.0, 2.0, fine.shape), 0, 255).astype(np.uint8)
 
 
-def pictures(home: Path) -> list[Case]:
+def pictures(home: Path) -> list[ApartCase]:
     """Pictures of 12 megapixels."""
     import cv2
     import tifffile
@@ -228,7 +228,7 @@ def pictures(home: Path) -> list[Case]:
     return [*photographs, read_by("map: Radiance HDR, 3 Mpx", "OpenCV", home / "a.hdr", read_any_picture)]
 
 
-def others(home: Path) -> list[Case]:
+def others(home: Path) -> list[ApartCase]:
     """Cameras, lenses and meshes."""
     import trimesh
 
@@ -257,7 +257,7 @@ def lattice() -> np.ndarray:
     return np.where(inside > 200.0, inside, 0.0).astype(np.int16)
 
 
-def volumes(home: Path) -> list[Case]:
+def volumes(home: Path) -> list[ApartCase]:
     """Volumes that libraries read."""
     import h5py
     import nibabel
@@ -281,7 +281,7 @@ def volumes(home: Path) -> list[Case]:
     ]  # fmt: skip
 
 
-def not_apart(home: Path) -> list[Case]:
+def not_apart(home: Path) -> list[ApartCase]:
     """What is read here: our own code, and what costs too much apart."""
     from numcodecs import Zstd
 

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from backends_scenes import CASES, Case, sized
+from backends_scenes import CASES, BackendCase, sized
 
 import hagoromo as hg
 
@@ -44,7 +44,7 @@ def main() -> None:
         hg.write_json(asked.out.with_suffix(".json"), frames)
 
 
-def timed(case: Case, scene: hg.Scene, seed: int) -> tuple[float, Any]:
+def timed(case: BackendCase, scene: hg.Scene, seed: int) -> tuple[float, Any]:
     """Wall time of a picture [s], or of a gradient, and it."""
     if case.mode == "gradient":
         shape = hg.render(scene, replace(case.settings(), walks=0), mode="full").weights.shape

@@ -32,7 +32,7 @@ WALKS = 64  # a pixel
 
 
 @dataclass(frozen=True)
-class Case:
+class BackendCase:
     """A scene, how it is rendered, and what two backends may differ by, root mean square over root mean square.
 
     mode: of `hg.render`, or "gradient" for `hg.full_gradient`. bound: None where pictures have noise, see `agree`.
@@ -123,25 +123,25 @@ def room(_voxels: int) -> hg.Scene:
     return hg.Scene(seen, (), surfaces=surfaces, area_lamps=(lamp,), environment=hg.Environment(sky))
 
 
-CASES: dict[str, Case] = {
-    "reference ball": Case(reference_ball),
-    "shell": Case(shell),
-    "shell, marched shadows": Case(shell, shadows="march"),
-    "shell and ball": Case(shell_and_ball),
-    "shell and mesh": Case(shell_and_mesh),
-    "skin": Case(of_recipe("skin")),
-    "hair": Case(of_recipe("hair")),
-    "linen": Case(of_recipe("linen")),
-    "smoke, path": Case(thin_smoke, "path", samples=WALKS, bound=None),
-    "weave, path": Case(weave, "path", samples=WALKS, bound=None),
-    "weave on floor, path": Case(weave_on_floor, "path", samples=WALKS, bound=None),
-    "linen, path": Case(of_recipe("linen"), "path", samples=WALKS, bound=None),
-    "room, path": Case(room, "path", samples=WALKS, bound=None),
-    "smoke, full": Case(thin_smoke, "full", bound=SETTLED),
-    "weave, full": Case(weave, "full", bound=SETTLED),
-    "weave on floor, full": Case(weave_on_floor, "full", bound=SETTLED),
-    "linen, full": Case(of_recipe("linen"), "full", bound=SETTLED),
-    "weave, gradient": Case(weave, "gradient", bound=2 * SETTLED),
+CASES: dict[str, BackendCase] = {
+    "reference ball": BackendCase(reference_ball),
+    "shell": BackendCase(shell),
+    "shell, marched shadows": BackendCase(shell, shadows="march"),
+    "shell and ball": BackendCase(shell_and_ball),
+    "shell and mesh": BackendCase(shell_and_mesh),
+    "skin": BackendCase(of_recipe("skin")),
+    "hair": BackendCase(of_recipe("hair")),
+    "linen": BackendCase(of_recipe("linen")),
+    "smoke, path": BackendCase(thin_smoke, "path", samples=WALKS, bound=None),
+    "weave, path": BackendCase(weave, "path", samples=WALKS, bound=None),
+    "weave on floor, path": BackendCase(weave_on_floor, "path", samples=WALKS, bound=None),
+    "linen, path": BackendCase(of_recipe("linen"), "path", samples=WALKS, bound=None),
+    "room, path": BackendCase(room, "path", samples=WALKS, bound=None),
+    "smoke, full": BackendCase(thin_smoke, "full", bound=SETTLED),
+    "weave, full": BackendCase(weave, "full", bound=SETTLED),
+    "weave on floor, full": BackendCase(weave_on_floor, "full", bound=SETTLED),
+    "linen, full": BackendCase(of_recipe("linen"), "full", bound=SETTLED),
+    "weave, gradient": BackendCase(weave, "gradient", bound=2 * SETTLED),
 }
 
 

@@ -75,10 +75,10 @@ def gather_rate(size: int, rounds: int) -> float:
     table = dr.arange(jit.UInt, size // 4)
     dr.make_opaque(table)
     mask = dr.opaque(jit.UInt, size // 4 - 1)
-    return LANES * READS / typical(lambda: read_at_random(Held(table), mask), rounds)
+    return LANES * READS / typical(lambda: read_at_random(HeldTable(table), mask), rounds)
 
 
-class Held:
+class HeldTable:
     """A table in a plain object, so that loops do not take it into their state."""
 
     def __init__(self, values: Any) -> None:
@@ -86,7 +86,7 @@ class Held:
 
 
 @dr.syntax
-def read_at_random(table: Held, mask: Any) -> Any:
+def read_at_random(table: HeldTable, mask: Any) -> Any:
     """READS gathers of every lane; no place depends on what was read."""
     UInt = arrays().UInt
     turn, total = dr.zeros(UInt, LANES), dr.zeros(UInt, LANES)

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from peers_hagoromo import prepared, reference
 from peers_numba import frames as numba_frames
-from peers_scene import STUDIES, Scene, make_matter
+from peers_scene import STUDIES, PeerScene, make_matter
 from rough_scenes import built, cpu_seconds, numba_yardstick, rough
 from rough_scenes import measured as rough_times
 from turns import medians, options, record
@@ -81,7 +81,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         make_matter(Path(name))
         study = {s.name: s for s in STUDIES}
-        scene, small = (Scene(study[ball], Path(name)) for ball in ("ball, 1 lamp", "ball, 1 lamp, 64 px"))
+        scene, small = (PeerScene(study[ball], Path(name)) for ball in ("ball, 1 lamp", "ball, 1 lamp, 64 px"))
         own = measured(scene, numba_frames(small)[YARDSTICK], rounds)
     rows = [against(own, *row) for row in BEFORE]
     rough_rows, rough_own = against_in_rough_matter(rounds)
@@ -103,7 +103,7 @@ def against_in_rough_matter(rounds: int) -> tuple[list[dict[str, Any]], dict[str
     return rows, own
 
 
-def measured(scene: Scene, yardstick: Callable[[], Any], rounds: int) -> list[dict[str, Any]]:
+def measured(scene: PeerScene, yardstick: Callable[[], Any], rounds: int) -> list[dict[str, Any]]:
     """Time over that of the yardstick, and error, of all settings of ours."""
     ready, (true, matter) = prepared(scene), reference(scene)
     settings = [hg.Settings(shadows=shadows, tolerance=t) for shadows, each in TOLERANCES.items() for t in each]

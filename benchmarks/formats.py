@@ -36,7 +36,7 @@ LENGTHS = ConvertOptions(voxel_mm=1.0, mean_free_path_mm=50.0)
 NO_SAMPLE = {"SLC of VolVis", "NanoVDB", "Alembic"}  # nothing here writes one
 
 
-class Case(NamedTuple):
+class FormatCase(NamedTuple):
     """A file of a format: its size on disk is told beside; write: None where another library wrote it before."""
 
     file: Path
@@ -78,7 +78,7 @@ def size(path: Path) -> int:
     )
 
 
-def made(home: Path) -> dict[str, Case]:
+def made(home: Path) -> dict[str, FormatCase]:
     """The sample of every format, by its name."""
     random = np.random.default_rng(SEED)
     return {
@@ -87,7 +87,7 @@ def made(home: Path) -> dict[str, Case]:
     }  # fmt: skip
 
 
-def volumes(home: Path, random: np.random.Generator) -> dict[str, Case]:
+def volumes(home: Path, random: np.random.Generator) -> dict[str, FormatCase]:
     """128³ floats 0…1 of low frequencies."""
     import h5py
     import nibabel
@@ -114,13 +114,15 @@ def volumes(home: Path, random: np.random.Generator) -> dict[str, Case]:
         if write:
             write()
         read = lambda file=file: hg.convert(file, home / "read.zarr", force=True, options=LENGTHS)  # noqa: E731
-        found[form.name] = Case(file, f"{SIDE}³ floats ↔ volume box", read, write)
+        found[form.name] = FormatCase(file, f"{SIDE}³ floats ↔ volume box", read, write)
     loaded, again = hg.load_box(box), home / "again.zarr"
-    found["volume box"] = Case(box, f"{SIDE}³ voxels", lambda: hg.load_box(box), lambda: loaded.save(again, force=True))
+    found["volume box"] = FormatCase(
+        box, f"{SIDE}³ voxels", lambda: hg.load_box(box), lambda: loaded.save(again, force=True)
+    )
     return found
 
 
-def pictures(home: Path, random: np.random.Generator) -> dict[str, Case]:
+def pictures(home: Path, random: np.random.Generator) -> dict[str, FormatCase]:
     """1024² pixels with noise."""
     from PIL import Image
 
@@ -160,11 +162,11 @@ def pictures(home: Path, random: np.random.Generator) -> dict[str, Case]:
             write = None if writer is None else lambda writer=writer, file=file: writer(file)
             if write:
                 write()
-            found[form.name] = Case(file, sample, lambda form=form, file=file: form.read(file), write)
+            found[form.name] = FormatCase(file, sample, lambda form=form, file=file: form.read(file), write)
     return found
 
 
-def surfaces(home: Path) -> dict[str, Case]:
+def surfaces(home: Path) -> dict[str, FormatCase]:
     """A ball of 327,680 triangles."""
     import trimesh
 
@@ -180,7 +182,7 @@ def surfaces(home: Path) -> dict[str, Case]:
             write = (lambda file=file: hg.convert(base, file, force=True)) if form.mesh_writer else None
             if write:
                 write()
-            found[form.name] = Case(file, sample, lambda form=form, file=file: form.read(file), write)
+            found[form.name] = FormatCase(file, sample, lambda form=form, file=file: form.read(file), write)
     return found
 
 
@@ -200,7 +202,7 @@ def vtp(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> str:
     )
 
 
-def scenes(home: Path) -> dict[str, Case]:
+def scenes(home: Path) -> dict[str, FormatCase]:
     """That ball, a camera and three lamps."""
     scene = home / "scene.toml"
     lamps = "".join(lamp(f"lamp {k}", 0.5 * k, -1.0, 1.0) for k in range(3))
@@ -219,12 +221,12 @@ def scenes(home: Path) -> dict[str, Case]:
         found_in = home / "scenes" / source
         again = home / "scenes" / f"{name} again"
         read = lambda file=found_in, again=again: hg.convert(file, again, force=True)  # noqa: E731
-        found[name] = Case(file, sample, read, write)
-    found["scene, recipe, batch"] = Case(scene, "that scene", lambda: hg.load_scene(scene), None)
+        found[name] = FormatCase(file, sample, read, write)
+    found["scene, recipe, batch"] = FormatCase(scene, "that scene", lambda: hg.load_scene(scene), None)
     return found
 
 
-def cameras(home: Path) -> dict[str, Case]:
+def cameras(home: Path) -> dict[str, FormatCase]:
     """100 of them around a point."""
     turns = np.linspace(0.0, 2.0 * np.pi, VIEWS, endpoint=False)
     lens = hg.Camera(640, 480, (600.0, 600.0), (320.0, 240.0))
@@ -236,13 +238,13 @@ def cameras(home: Path) -> dict[str, Case]:
         kept = dict(list(views.items())[:1]) if form.key == "opencv" else views
         write = lambda file=file, kept=kept: write_views(file, kept, force=True)  # noqa: E731
         write()
-        found[form.name] = Case(
+        found[form.name] = FormatCase(
             file, f"{len(kept)} views", lambda form=form, file=file: form.read(file, (640, 480)), write
         )
     return found
 
 
-def others(home: Path) -> dict[str, Case]:
+def others(home: Path) -> dict[str, FormatCase]:
     """Lamps, spectra, tables, a capture."""
     from hagoromo.files.table import write_table
     from hagoromo.photograph.lamp_files import write_lp
@@ -279,7 +281,7 @@ def others(home: Path) -> dict[str, Case]:
         if write:
             write()
         place = home / file
-        found[name] = Case(place, sample, lambda form=by_name[name], place=place: form.read(place), write)
+        found[name] = FormatCase(place, sample, lambda form=by_name[name], place=place: form.read(place), write)
     return found
 
 

@@ -16,7 +16,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 from peers_scene import noisy_voxels
-from plain_march import Grid, plain_march
+from plain_march import DenseGrid, plain_march
 from prototypes import prototype_frames
 from turns import Frame, in_turn, options, record
 
@@ -107,7 +107,7 @@ class ReferenceScene:
 
     def frames(self) -> dict[str, Frame]:
         """The product's march and a plain one, without shadows, with maps made anew, by brute march."""
-        rows, grid = np.arange(PIXELS**2, dtype=np.uint32), Grid(self.voxels)
+        rows, grid = np.arange(PIXELS**2, dtype=np.uint32), DenseGrid(self.voxels)
         unshaded, brute = self.lighting(), self.lighting(attenuation=brute_attenuation(self.medium))
         return {
             "march, no shadows": lambda: self.frame(unshaded),

@@ -24,7 +24,7 @@ from hagoromo.camera.sensor import Sensor
 from hagoromo.measurement.surface.tile_store import tile_store
 from hagoromo.measurement.surface.tiles import solve_coarse, solve_tiles
 from hagoromo.photograph.photograph import Photograph
-from studies.near_rig import SURFACE_DISTANCE, Look, Rig, Truth, exact, ring_rig, shaded, waves
+from studies.near_rig import SURFACE_DISTANCE, Finish, NearRig, TrueShape, exact, ring_rig, shaded, waves
 
 WIDTH, HEIGHT, REPEAT = 4000, 3000, 8
 WELL = 20_000.0  # electrons
@@ -34,8 +34,8 @@ WELL = 20_000.0  # electrons
 class Repeated:
     """Photographs of a rig without cast shadows, every pixel `REPEAT` times in both directions."""
 
-    rig: Rig
-    truth: Truth
+    rig: NearRig
+    truth: TrueShape
     camera: Camera
     white: float
 
@@ -48,7 +48,7 @@ class Repeated:
         """The photograph of that number."""
         known = self.truth.labels >= 0
         small = np.zeros((*known.shape, 3), np.float32)
-        small[known] = shaded(self.truth, self.rig.lamps[number], Look(0.2)) / self.white
+        small[known] = shaded(self.truth, self.rig.lamps[number], Finish(0.2)) / self.white
         values = small.repeat(REPEAT, axis=0).repeat(REPEAT, axis=1)
         variance = (np.maximum(values, 0.0) / WELL + (10.0 / WELL) ** 2).astype(np.float32)
         mask = (values[..., 0] < 1.0) & (values[..., 1] < 1.0) & (values[..., 2] < 1.0)
@@ -61,7 +61,7 @@ def photographs(lamps: int) -> Repeated:
     truth, small = exact(rig.camera, waves), rig.camera
     sensor = Sensor(WELL, WELL, 10.0, WELL / 4095.0, 0.0, 12)
     camera = replace(small.resampled(WIDTH, HEIGHT, (1.0 / REPEAT, 1.0 / REPEAT)), sensor=sensor)
-    white = max(float(np.percentile(shaded(truth, lamp, Look(0.2)), 99)) for lamp in rig.lamps) / 0.7
+    white = max(float(np.percentile(shaded(truth, lamp, Finish(0.2)), 99)) for lamp in rig.lamps) / 0.7
     return Repeated(rig, truth, camera, white)
 
 

@@ -30,7 +30,7 @@ import drjit as dr
 import numpy as np
 from numpy.typing import NDArray
 from orders_rivals import Cycles, Mitsuba
-from orders_scenes import CONTESTS, WAVELENGTH, Contest
+from orders_scenes import CONTESTS, WAVELENGTH, OrdersContest
 from tables import CHASE
 from turns import RECORDS, options, record
 
@@ -95,7 +95,7 @@ def blocks(values: Array, side: int) -> Array:
     return values[: rows * side, : columns * side].reshape(rows, side, columns, side).mean(axis=(1, 3))
 
 
-def covered(contest: Contest, pixels: int) -> NDArray[np.bool_]:
+def covered(contest: OrdersContest, pixels: int) -> NDArray[np.bool_]:
     """Pixels that count: those that show matter, told without noise by the march."""
     return hg.render(contest.scene(pixels), hg.Settings(FULL_RAYS)).alpha > SEEN
 
@@ -130,7 +130,7 @@ def ratio_of_means(one: Sequence[Array], other: Sequence[Array], seen: NDArray[n
     return ratio, ratio * noise
 
 
-def contenders(contest: Contest, pixels: int, threads: int) -> dict[str, Picture]:
+def contenders(contest: OrdersContest, pixels: int, threads: int) -> dict[str, Picture]:
     """Pictures by walks a pixel and seed; those of Cycles where it is installed."""
     ours = contest.scene(pixels)
 
@@ -155,7 +155,7 @@ def radiance(image: hg.Image) -> Array:
 
 
 def raced(
-    timed: Mapping[str, Timed], contest: Contest, seen: NDArray[np.bool_], given: argparse.Namespace
+    timed: Mapping[str, Timed], contest: OrdersContest, seen: NDArray[np.bool_], given: argparse.Namespace
 ) -> list[dict[str, Any]]:
     """The rows of the race."""
     budget = math.inf
@@ -178,7 +178,7 @@ def raced(
 
 
 def full_rows(
-    contest: Contest, pixels: int, path: Sequence[Array], seen: NDArray[np.bool_], rounds: int
+    contest: OrdersContest, pixels: int, path: Sequence[Array], seen: NDArray[np.bool_], rounds: int
 ) -> list[dict[str, Any]]:
     """Mode full: solved and marched, and marched from elsewhere, beside the march."""
     scene, settings, cache = contest.scene(pixels), hg.Settings(FULL_RAYS, walks=0), SceneCache()

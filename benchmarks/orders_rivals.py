@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from orders_scenes import WAVELENGTH, Contest
+from orders_scenes import WAVELENGTH, OrdersContest
 
 import hagoromo as hg
 from hagoromo.backend import mitsuba
@@ -20,7 +20,7 @@ MITSUBA_AT_ONCE = 1 << 24  # walks of one launch
 Array = NDArray[np.float64]
 
 
-def scene_of_mitsuba(contest: Contest, pixels: int, integrator: str) -> Any:
+def scene_of_mitsuba(contest: OrdersContest, pixels: int, integrator: str) -> Any:
     """A contest in Mitsuba's words."""
     mi, lattice = mitsuba(), contest.lattice
     angle = np.arccos(-np.linspace(-1.0, 1.0, 361))
@@ -68,7 +68,7 @@ def at_550(lamp: hg.Lamp) -> float:
 class Mitsuba:
     """Pictures of a contest by one of Mitsuba's integrators."""
 
-    def __init__(self, contest: Contest, pixels: int, integrator: str) -> None:
+    def __init__(self, contest: OrdersContest, pixels: int, integrator: str) -> None:
         self.scene, self.pixels = scene_of_mitsuba(contest, pixels, integrator), pixels
 
     def __call__(self, walks: int, seed: int) -> Array:
@@ -89,7 +89,7 @@ class Cycles:
     Its CPU time is that of the render call in its process; `cpu_s` has that of the last picture.
     """
 
-    def __init__(self, contest: Contest, pixels: int, folder: Path, threads: int) -> None:
+    def __init__(self, contest: OrdersContest, pixels: int, folder: Path, threads: int) -> None:
         """`folder`: where its files lie. `FileNotFoundError` where Cycles is not installed."""
         if not CYCLES.exists():
             raise FileNotFoundError(f"{CYCLES} is not there: make cycles")

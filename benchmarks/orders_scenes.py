@@ -31,7 +31,7 @@ Array = NDArray[Any]
 Place = tuple[float, float, float]
 
 
-class Lattice(NamedTuple):
+class PlainLattice(NamedTuple):
     """Extinction [1/m] and albedo (z, y, x) in the box from `low` of size `edges` [m] (x, y, z)."""
 
     extinction: NDArray[np.float32]
@@ -40,12 +40,12 @@ class Lattice(NamedTuple):
     edges: Array
 
 
-class Contest(NamedTuple):
+class OrdersContest(NamedTuple):
     """A scene of the benchmark. focal: length in widths of the picture. same: whether `lattice` is the same medium."""
 
     title: str
     boxes: tuple[hg.VolumeBox, ...]
-    lattice: Lattice
+    lattice: PlainLattice
     same: bool
     lamps: tuple[hg.Lamp, ...]
     eye: Place
@@ -61,7 +61,7 @@ class Contest(NamedTuple):
         return hg.Scene(camera.look_at(eye or self.eye, self.target, self.up), self.lamps, self.boxes)
 
 
-def smoke(side: int = 128) -> Contest:
+def smoke(side: int = 128) -> OrdersContest:
     """A soft ball of smooth noise, a mean free path deep."""
     from scipy.ndimage import gaussian_filter
 
@@ -71,7 +71,7 @@ def smoke(side: int = 128) -> Contest:
     return in_cube("thin smoke", (ball * np.exp(1.5 * noise / noise.std()) / 3.0).astype(np.float32), 1.0, 0.6)
 
 
-def cloth(side: int = 96, yarns: int = 6) -> Contest:
+def cloth(side: int = 96, yarns: int = 6) -> OrdersContest:
     """A plain weave, its yarns several mean free paths wide: along x and y, over and under each other."""
     z, y, x = grid_points(side)
     pitch = 2.0 / yarns
@@ -86,19 +86,19 @@ def cloth(side: int = 96, yarns: int = 6) -> Contest:
     return in_cube("dense white cloth", density.astype(np.float32), 40.0, 0.94)
 
 
-def hair() -> Contest:
+def hair() -> OrdersContest:
     """The angel's head of hair, white, from behind, under one lamp."""
     matte = hg.Reflectance(1.0 / math.pi, 0.0, 0.2, 1.5, hg.Spectrum.constant(WHITE_HAIR), name="white hair")
     boxes = (figure_box("hair", matte),)
     middle, extent = ball_around(boxes)
     lamp = hg.Lamp(position=middle + extent * np.array((1.5, 3.0, 2.5)), intensity=(4.2 * extent) ** 2)
     eyes = around(middle, extent, (0.2, 0.97, 0.1)), around(middle, extent, (-0.4, 0.9, 0.2))
-    return Contest(
+    return OrdersContest(
         "head of white hair", boxes, lattice_of(boxes), False, (lamp,), *eyes, around(middle, 0.0), (0, 0, 1), 2.6
     )
 
 
-def figure_8() -> Contest:
+def figure_8() -> OrdersContest:
     """The whole angel of figure 8 under its three lamps, without the wall behind."""
     camera = hg.Camera.preset(PRESET, FOCAL_MM, 4)
     materials = wardrobe(true_reflectances(camera))
@@ -106,10 +106,10 @@ def figure_8() -> Contest:
     middle, extent = ball_around(boxes)
     eyes = around(middle, extent, (0.16, -0.98, 0.1)), around(middle, extent, (-0.4, -0.9, 0.1))
     lamps, target = studio_lamps(middle, extent), around(middle, 0.0)
-    return Contest("angel of figure 8", boxes, lattice_of(boxes), False, lamps, *eyes, target, (0, 0, 1), 2.6)
+    return OrdersContest("angel of figure 8", boxes, lattice_of(boxes), False, lamps, *eyes, target, (0, 0, 1), 2.6)
 
 
-CONTESTS: dict[str, Callable[[], Contest]] = {"smoke": smoke, "cloth": cloth, "hair": hair, "figure8": figure_8}
+CONTESTS: dict[str, Callable[[], OrdersContest]] = {"smoke": smoke, "cloth": cloth, "hair": hair, "figure8": figure_8}
 
 
 def around(middle: Array, extent: float, way: Place = (0.0, 0.0, 0.0)) -> Place:
@@ -123,16 +123,16 @@ def grid_points(side: int) -> tuple[Array, ...]:
     return np.meshgrid(*[(np.arange(side) + 0.5) / side * 2 - 1] * 3, indexing="ij")
 
 
-def in_cube(title: str, density: NDArray[np.float32], tau: float, albedo: float) -> Contest:
+def in_cube(title: str, density: NDArray[np.float32], tau: float, albedo: float) -> OrdersContest:
     """Grey matte spheres in the cube −1…1 m under a point lamp."""
     grey = hg.Reflectance(albedo / math.pi, 0.0, 0.2, 1.5, hg.Spectrum.constant(1.0), element="sphere")
     pose, axes = np.eye(4), np.zeros((*density.shape, 3))
     pose[:3, 3] = -1.0
     box = hg.VolumeBox.from_arrays(density, axes, 2.0 / density.shape[0], tau, [grey], pose=pose)
-    lattice = Lattice(tau * density, np.full_like(density, albedo), np.full(3, -1.0), np.full(3, 2.0))
+    lattice = PlainLattice(tau * density, np.full_like(density, albedo), np.full(3, -1.0), np.full(3, 2.0))
     lamps = (hg.Lamp(position=(2.0, 2.5, 2.0), intensity=27.0),)
     eye, other, middle, up = (0.3, 0.5, 3.0), (-1.5, 0.5, 2.6), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0)
-    return Contest(title, (box,), lattice, True, lamps, eye, other, middle, up, 2.2)
+    return OrdersContest(title, (box,), lattice, True, lamps, eye, other, middle, up, 2.2)
 
 
 def figure_box(part: str, material: hg.Reflectance) -> hg.VolumeBox:
@@ -141,7 +141,7 @@ def figure_box(part: str, material: hg.Reflectance) -> hg.VolumeBox:
     return kept_box(depends_on, lambda: figure_part("angel", part, material, RESOLUTION, 1, "projected").box())
 
 
-def lattice_of(boxes: Sequence[hg.VolumeBox]) -> Lattice:
+def lattice_of(boxes: Sequence[hg.VolumeBox]) -> PlainLattice:
     """Matter of boxes on one lattice, with the mean of extinction over all directions."""
     corners = np.concatenate([box.corners() for box in boxes])
     low, high = corners.min(axis=0), corners.max(axis=0)
@@ -156,7 +156,7 @@ def lattice_of(boxes: Sequence[hg.VolumeBox]) -> Lattice:
         taken += np.bincount(flat, weight, taken.size).reshape(shape)
         sent += np.bincount(flat, weight * albedo, taken.size).reshape(shape)
     albedo = np.where(taken > 0.0, sent / np.maximum(taken, 1e-30), 0.0)
-    return Lattice(taken.astype(np.float32), albedo.astype(np.float32), low, cell * np.array(shape[::-1], float))
+    return PlainLattice(taken.astype(np.float32), albedo.astype(np.float32), low, cell * np.array(shape[::-1], float))
 
 
 def voxels_of(box: hg.VolumeBox) -> tuple[Array, Array, Array]:

@@ -15,7 +15,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from peers_contest import Contest
+from peers_contest import PeerContest
 from peers_scene import STUDIES, make_matter
 from peers_table import write
 
@@ -34,7 +34,7 @@ def main() -> None:
         make_matter(folder)
         for number, study in enumerate(STUDIES):
             if options.only in study.name:
-                rows += Contest(number, folder, options.rounds).rows()
+                rows += PeerContest(number, folder, options.rounds).rows()
                 paths = write(options.out, rows)  # again after every scene: an interrupted run keeps what it has
                 print(f"  {time.perf_counter() - start:.0f} s so far:", *paths, flush=True)
 

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from peers_scene import STUDIES, Scene
+from peers_scene import STUDIES, PeerScene
 
 CONTENDERS = {
     "hagoromo": "peers_hagoromo",
@@ -101,7 +101,7 @@ def serve(contender: str, study: int, folder: Path) -> None:
     speak = os.fdopen(os.dup(1), "w", buffering=1, encoding="utf-8")
     os.dup2(2, 1)  # what the contender prints must not come between
     try:
-        frames = importlib.import_module(CONTENDERS[contender]).frames(Scene(STUDIES[study], folder))
+        frames = importlib.import_module(CONTENDERS[contender]).frames(PeerScene(STUDIES[study], folder))
     except ModuleNotFoundError as error:
         print(json.dumps({"absent": f"not installed: {error.name}"}), file=speak)
         return

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from peers_child import AbsentError, Child
 from peers_hagoromo import reference
-from peers_scene import STUDIES, Scene
-from peers_table import Row
+from peers_scene import STUDIES, PeerScene
+from peers_table import PeerRow
 
 OURS = "hagoromo"
 BUDGET = 4.0  # s, of one setting, after which no further round begins; a longer frame is rendered once
@@ -19,17 +19,17 @@ LONGEST, GROWTH = 30.0, 4.0  # s, of a frame; the next setting is taken to need 
 EQUAL = 1.2  # errors whose ratio is below this are taken for equal
 
 
-class Contest:
+class PeerContest:
     """The contest on study `number`, with matter and passing files in `folder`."""
 
     def __init__(self, number: int, folder: Path, rounds: int) -> None:
         self.number, self.folder, self.rounds = number, folder, rounds
-        self.scene = Scene(STUDIES[number], folder)
+        self.scene = PeerScene(STUDIES[number], folder)
         print(f"{self.scene.study.name}: reference", flush=True)
         self.reference, self.matter = reference(self.scene)
-        self.own: list[Row] = []
+        self.own: list[PeerRow] = []
 
-    def rows(self) -> list[Row]:
+    def rows(self) -> list[PeerRow]:
         """The table's rows, ours first."""
         self.ours, row = self.begin(OURS)
         try:
@@ -39,9 +39,9 @@ class Contest:
         finally:
             self.ours.close()
 
-    def peer_rows(self, peer: str) -> list[Row]:
+    def peer_rows(self, peer: str) -> list[PeerRow]:
         """Rows of one peer, a setting after the other until they take too long; one row that says why it is absent."""
-        rows: list[Row] = []
+        rows: list[PeerRow] = []
         try:
             child, row = self.begin(peer)
             for setting in child.settings:
@@ -51,10 +51,10 @@ class Contest:
             child.close()
         except AbsentError as error:
             print(f"  {peer}: {error}", flush=True)
-            rows.append(Row(self.scene.study.name, peer, absent=str(error)))
+            rows.append(PeerRow(self.scene.study.name, peer, absent=str(error)))
         return rows
 
-    def begin(self, contender: str) -> tuple[Child, Row]:
+    def begin(self, contender: str) -> tuple[Child, PeerRow]:
         """A contender started with its kernel cache and a row with its first picture.
 
         On its first scene it is started once before, with an empty cache.
@@ -66,9 +66,9 @@ class Contest:
             cold = child.first
             child.close()
         child = Child(contender, self.number, self.folder, home)
-        return child, Row(self.scene.study.name, contender, first_cold=cold, first_cached=child.first)
+        return child, PeerRow(self.scene.study.name, contender, first_cold=cold, first_cached=child.first)
 
-    def measured(self, child: Child, row: Row) -> Row:
+    def measured(self, child: Child, row: PeerRow) -> PeerRow:
         """The row filled in; a peer's frames alternate with those of our setting that equals it."""
         first = child.frame(row.setting)
         error, mean = self.difference(child.seen())
@@ -88,7 +88,7 @@ class Contest:
         print(f"  {row.who}, {row.setting}: {seconds:.3f} s, error {error:.5f}{versus}", flush=True)
         return row
 
-    def rival(self, error: float) -> Row:
+    def rival(self, error: float) -> PeerRow:
         """The quickest of our settings that is as accurate as `error`, else the most accurate."""
         equal = [row for row in self.own if row.error <= EQUAL * error]
         return min(equal, key=lambda row: row.seconds) if equal else min(self.own, key=lambda row: row.error)

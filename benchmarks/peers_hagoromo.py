@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
-from peers_scene import ALPHA, EYE, FOCAL, INTENSITY, VOXEL, Scene
+from peers_scene import ALPHA, EYE, FOCAL, INTENSITY, VOXEL, PeerScene
 
 import hagoromo as hg
 from hagoromo.image.settings import Settings
@@ -15,7 +15,7 @@ FINEST = 0.0025  # tolerance of the reference: a sixteenth of the usual one
 FINEST_UNSHADED = FINEST / 16.0  # without shadows: normals that vary from voxel to voxel need shorter steps
 
 
-def frames(scene: Scene) -> dict[str, Callable[[], NDArray]]:
+def frames(scene: PeerScene) -> dict[str, Callable[[], NDArray]]:
     """The usual tolerance and four times it, by maps and by brute march; without shadows a fourth of it, too."""
     ready = prepared(scene)
     if scene.study.shadows:
@@ -34,8 +34,8 @@ def frames(scene: Scene) -> dict[str, Callable[[], NDArray]]:
     return {name: lambda chosen=chosen: hg.render(ready, chosen).weights[..., 0] for name, chosen in settings.items()}
 
 
-def reference(scene: Scene) -> tuple[NDArray, NDArray]:
-    """The reference of errors, radiance and whether it shows matter (bool), at the pixels of `Scene.sampled`."""
+def reference(scene: PeerScene) -> tuple[NDArray, NDArray]:
+    """The reference of errors, radiance and whether it shows matter (bool), at the pixels of `PeerScene.sampled`."""
     finest = Settings(shadows="march", tolerance=FINEST)
     if not scene.study.shadows:
         finest = Settings(shadows="none", tolerance=FINEST_UNSHADED)
@@ -43,7 +43,7 @@ def reference(scene: Scene) -> tuple[NDArray, NDArray]:
     return image.weights[..., 0], image.alpha > 0.0
 
 
-def prepared(scene: Scene, stride: int = 1) -> hg.Scene:
+def prepared(scene: PeerScene, stride: int = 1) -> hg.Scene:
     """The study as a Hagoromo scene, seen through every `stride`-th pixel of every `stride`-th row."""
     study = scene.study
     matte = hg.Reflectance(ALPHA, 0.0, 0.2, 1.5, hg.Spectrum.constant(1.0), element=study.element)

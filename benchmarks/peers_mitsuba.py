@@ -12,7 +12,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
-from peers_scene import ALPHA, EYE, FOCAL, INTENSITY, Scene, sphere_phase
+from peers_scene import ALPHA, EYE, FOCAL, INTENSITY, PeerScene, sphere_phase
 
 mi.set_variant("llvm_ad_mono")
 
@@ -38,7 +38,7 @@ class MiddleOfPixel(mi.Sensor):
 mi.register_sensor("middle_of_pixel", MiddleOfPixel)
 
 
-def frames(scene: Scene) -> dict[str, Callable[[], NDArray]]:
+def frames(scene: PeerScene) -> dict[str, Callable[[], NDArray]]:
     """Pictures (pixels, pixels) of 1, 4, 16, … paths a pixel."""
     ready = mi.load_dict(scene_dictionary(scene))
 
@@ -48,7 +48,7 @@ def frames(scene: Scene) -> dict[str, Callable[[], NDArray]]:
     return {f"{samples} spp": lambda samples=samples: picture(samples) for samples in SAMPLES}
 
 
-def scene_dictionary(scene: Scene) -> dict[str, Any]:
+def scene_dictionary(scene: PeerScene) -> dict[str, Any]:
     """The study as Mitsuba describes scenes."""
     pixels = scene.study.pixels
     place = mi.ScalarTransform4f().translate([-1.0, -1.0, -1.0]).scale(2.0)

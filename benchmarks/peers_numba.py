@@ -8,13 +8,13 @@ from collections.abc import Callable
 import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
-from peers_scene import ALPHA, EYE, INTENSITY, VOXEL, Scene
+from peers_scene import ALPHA, EYE, INTENSITY, VOXEL, PeerScene
 
 REFERENCE_END_TRANSMITTANCE = 1e-3  # transmittance where a ray ends
 REFERENCE_OPAQUE_DEPTH = 10.0  # optical depth where a shadow is black
 
 
-def frames(scene: Scene) -> dict[str, Callable[[], NDArray]]:
+def frames(scene: PeerScene) -> dict[str, Callable[[], NDArray]]:
     """Whole-voxel and half-voxel steps: pictures (pixels, pixels)."""
     study = scene.study
     axis = scene.axis if study.element == "plane" else np.zeros((1, 1, 1, 3), np.float32)

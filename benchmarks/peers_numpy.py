@@ -6,20 +6,20 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
-from peers_scene import ALPHA, EYE, INTENSITY, VOXEL, Scene, sphere_phase
+from peers_scene import ALPHA, EYE, INTENSITY, VOXEL, PeerScene, sphere_phase
 from scipy.ndimage import map_coordinates
 
 REFERENCE_END_TRANSMITTANCE = 1e-3  # transmittance where a ray ends
 REFERENCE_OPAQUE_DEPTH = 10.0  # optical depth where a shadow is black
 
 
-def frames(scene: Scene) -> dict[str, Callable[[], NDArray]]:
+def frames(scene: PeerScene) -> dict[str, Callable[[], NDArray]]:
     """Half-voxel steps: the picture (pixels, pixels)."""
     axis = [np.ascontiguousarray(scene.axis[..., k]) for k in range(3)] if scene.study.element == "plane" else None
     return {"step 0.5 voxel": lambda: march(scene, axis, 0.5 * VOXEL)}
 
 
-def march(scene: Scene, axis: list[NDArray] | None, step: float) -> NDArray:
+def march(scene: PeerScene, axis: list[NDArray] | None, step: float) -> NDArray:
     """Radiance of every pixel: front to back, one scattering event."""
     directions = scene.directions.reshape(-1, 3).astype(np.float32)
     origin = np.array(EYE, np.float32)
@@ -40,7 +40,7 @@ def march(scene: Scene, axis: list[NDArray] | None, step: float) -> NDArray:
 
 
 def lit(
-    scene: Scene, axis: list[NDArray] | None, points: NDArray, directions: NDArray, lamp: NDArray, step: float
+    scene: PeerScene, axis: list[NDArray] | None, points: NDArray, directions: NDArray, lamp: NDArray, step: float
 ) -> NDArray:
     """Radiance towards the eye that one lamp gives per scattered share at points (n, 3)."""
     to_lamp = np.broadcast_to(lamp, points.shape) if scene.study.far else lamp - points
@@ -57,7 +57,7 @@ def lit(
     return f * irradiance * (transmittance(scene, points, to_lamp, step) if scene.study.shadows else 1.0)
 
 
-def transmittance(scene: Scene, points: NDArray, to_lamp: NDArray, step: float) -> NDArray:
+def transmittance(scene: PeerScene, points: NDArray, to_lamp: NDArray, step: float) -> NDArray:
     """Share of a lamp's light that arrives at points (n, 3); lamps stand outside the box."""
     _, far = crossing(points, to_lamp)
     depth = np.zeros(len(points), np.float32)

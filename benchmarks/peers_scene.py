@@ -28,7 +28,7 @@ TAU = {"ball": 100.0, "cloud": 1.5}  # [1/m]
 
 
 @dataclass(frozen=True)
-class Study:
+class PeerStudy:
     """One scene and who renders it. far: lamps are directions with an irradiance of 1."""
 
     name: str
@@ -42,20 +42,20 @@ class Study:
 
 
 STUDIES = (
-    Study("ball, 1 lamp", "ball", 1, ("mitsuba", "numba")),
-    Study("ball, 3 lamps", "ball", 3, ("mitsuba", "numba")),
-    Study("cloud, 1 lamp, 256 px", "cloud", 1, ("mitsuba", "numba"), pixels=256),
-    Study("ball, 1 lamp, 64 px", "ball", 1, ("mitsuba", "numba", "numpy"), pixels=64),
-    Study("ball, 1 far lamp", "ball", 1, ("vtk volumetric shadows",), far=True),
-    Study("ball, 3 far lamps, no shadows", "ball", 3, ("vtk", "numba", "numpy"), 512, "plane", False, True),
+    PeerStudy("ball, 1 lamp", "ball", 1, ("mitsuba", "numba")),
+    PeerStudy("ball, 3 lamps", "ball", 3, ("mitsuba", "numba")),
+    PeerStudy("cloud, 1 lamp, 256 px", "cloud", 1, ("mitsuba", "numba"), pixels=256),
+    PeerStudy("ball, 1 lamp, 64 px", "ball", 1, ("mitsuba", "numba", "numpy"), pixels=64),
+    PeerStudy("ball, 1 far lamp", "ball", 1, ("vtk volumetric shadows",), far=True),
+    PeerStudy("ball, 3 far lamps, no shadows", "ball", 3, ("vtk", "numba", "numpy"), 512, "plane", False, True),
 )
 
 
 @dataclass(frozen=True)
-class Scene:
+class PeerScene:
     """A study with its matter, read from `folder` where `make_matter` wrote it."""
 
-    study: Study
+    study: PeerStudy
     folder: Path
 
     @cached_property

@@ -33,7 +33,7 @@ LEGEND = """
 
 
 @dataclass(frozen=True)
-class Row:
+class PeerRow:
     """One contender at one setting on one scene, or why it is absent. Times [s], peak [MiB]."""
 
     scene: str
@@ -52,7 +52,7 @@ class Row:
     absent: str = ""
 
 
-def write(folder: Path, rows: Sequence[Row]) -> list[Path]:
+def write(folder: Path, rows: Sequence[PeerRow]) -> list[Path]:
     """Write `peers.md` and `peers.json` into `folder`, over older ones; their paths."""
     record = machine()
     paths = [folder / "peers.md", folder / "peers.json"]
@@ -62,7 +62,7 @@ def write(folder: Path, rows: Sequence[Row]) -> list[Path]:
     return paths
 
 
-def markdown(rows: Sequence[Row], record: dict[str, Any]) -> str:
+def markdown(rows: Sequence[PeerRow], record: dict[str, Any]) -> str:
     """The page: machine, table, legend."""
     versions = ", ".join(f"{name} {number}" for name, number in record["versions"].items())
     head = f"# Peers\n\n{record['date']}; {record['processor']}, {record['cores']} cores, load {record['load']:.1f} "
@@ -83,7 +83,7 @@ def machine() -> dict[str, Any]:
     }
 
 
-def _line(row: Row) -> str:
+def _line(row: PeerRow) -> str:
     if row.absent:
         cells = [row.scene, row.who, row.absent.replace("|", "/"), *[""] * 7]
     else:

@@ -13,7 +13,7 @@ import numpy as np
 import vtkmodules.vtkRenderingOpenGL2
 import vtkmodules.vtkRenderingVolumeOpenGL2  # noqa: F401  (both register what draws here)
 from numpy.typing import NDArray
-from peers_scene import ALPHA, EYE, FOCAL, VOXEL, Scene
+from peers_scene import ALPHA, EYE, FOCAL, VOXEL, PeerScene
 from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
 from vtkmodules.vtkCommonCore import vtkUnsignedCharArray
 from vtkmodules.vtkCommonDataModel import vtkImageData, vtkPiecewiseFunction
@@ -24,7 +24,7 @@ STEP = 0.5 * VOXEL
 LEVELS = 32767  # the fixed-point mapper's tables are 15 bits long
 
 
-def frames(scene: Scene) -> dict[str, Callable[[], NDArray]]:
+def frames(scene: PeerScene) -> dict[str, Callable[[], NDArray]]:
     """The picture (pixels, pixels)."""
     mapper = vtkFixedPointVolumeRayCastMapper()
     mapper.SetInteractiveSampleDistance(STEP)
@@ -32,7 +32,7 @@ def frames(scene: Scene) -> dict[str, Callable[[], NDArray]]:
     return {"step 0.5 voxel": lambda: picture(window)}
 
 
-def prepared(scene: Scene, mapper: Any, intensity: float) -> Any:
+def prepared(scene: PeerScene, mapper: Any, intensity: float) -> Any:
     """A window that shows the study by `mapper`, with lamps of the given intensity."""
     mapper.SetSampleDistance(STEP)
     mapper.AutoAdjustSampleDistancesOff()

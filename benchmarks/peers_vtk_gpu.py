@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from peers_scene import Scene, sphere_phase
+from peers_scene import PeerScene, sphere_phase
 from peers_vtk import picture, prepared
 from vtkmodules.vtkRenderingVolume import vtkGPUVolumeRayCastMapper
 
 
-def frames(scene: Scene) -> dict[str, Callable[[], NDArray]]:
+def frames(scene: PeerScene) -> dict[str, Callable[[], NDArray]]:
     """The picture (pixels, pixels) with shadows of the whole volume."""
     mapper = vtkGPUVolumeRayCastMapper()
     mapper.UseJitteringOff()

@@ -14,7 +14,7 @@ from hagoromo.transport.sample import Element
 REFERENCE_END_TRANSMITTANCE = 1e-3  # transmittance at which rays end
 
 
-class Grid:
+class DenseGrid:
     """A dense grid over the cube −1…1, held in a plain object so that loops do not take it into their state."""
 
     def __init__(self, voxels: np.ndarray) -> None:
@@ -37,7 +37,7 @@ class Grid:
 
 
 @dr.syntax
-def plain_march(grid: Grid, tau: float, lighting: Lighting, origin: Any, direction: Any) -> Any:
+def plain_march(grid: DenseGrid, tau: float, lighting: Lighting, origin: Any, direction: Any) -> Any:
     """Radiance towards the origin of rays; tau: extinction per unit of density [1/m]."""
     jit, step = arrays(), 1.0 / grid.side
     near, far = (-1.0 - origin) / direction, (1.0 - origin) / direction

@@ -48,7 +48,7 @@ LAMPS = np.array([[-1.2, -1.6, 1.0], [1.5, -1.2, 0.6], [0.3, -1.0, 1.8]])  # [ra
 Array = NDArray[Any]
 
 
-class Rough(NamedTuple):
+class RoughScene(NamedTuple):
     """A box with its eye, its lamps and its picture; focal: length in widths of the picture."""
 
     box: hg.VolumeBox
@@ -90,20 +90,22 @@ class Rough(NamedTuple):
         return float(np.sqrt(np.mean((seen - true)[matter].astype(float) ** 2)) / true[matter].mean())
 
 
-def rough(name: str, box: hg.VolumeBox) -> Rough:
+def rough(name: str, box: hg.VolumeBox) -> RoughScene:
     """A scene of this name."""
     if name == NOISY:
         from peers_scene import EYE, FOCAL, INTENSITY
         from peers_scene import LAMPS as PLACES
 
-        return Rough(box, np.zeros(3), np.array(EYE), np.array([0.0, 1, 0]), np.array(PLACES), INTENSITY, FOCAL, 512)
+        return RoughScene(
+            box, np.zeros(3), np.array(EYE), np.array([0.0, 1, 0]), np.array(PLACES), INTENSITY, FOCAL, 512
+        )
     unit = np.array([(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)])
     corners = unit * box.size @ box.pose[:3, :3].T + box.pose[:3, 3]
     middle = corners.mean(axis=0)
     radius = float(np.linalg.norm(corners - middle, axis=1).max())
     eye = middle + 6.0 * radius * VIEW / np.linalg.norm(VIEW)
     lamps, intensity = middle + 3.0 * radius * LAMPS / np.linalg.norm(LAMPS, axis=1)[:, None], 9.0 * radius**2
-    return Rough(box, middle, eye, np.array([0.0, 0, 1]), lamps, intensity, 3.4, 256)
+    return RoughScene(box, middle, eye, np.array([0.0, 0, 1]), lamps, intensity, 3.4, 256)
 
 
 def noisy_ball() -> hg.VolumeBox:
@@ -168,7 +170,7 @@ def from_voxels(name: str, folder: Path) -> hg.VolumeBox:
 
 
 def measured(
-    scene: Rough, settings: Sequence[hg.Settings], yardstick: Callable[[], Any] | None, rounds: int
+    scene: RoughScene, settings: Sequence[hg.Settings], yardstick: Callable[[], Any] | None, rounds: int
 ) -> list[dict]:
     """Of every setting: CPU time of a frame [s], the same over that of the yardstick between them, and error.
 
@@ -205,12 +207,12 @@ def numba_yardstick() -> Callable[[], Any]:
     import tempfile
 
     from peers_numba import frames
-    from peers_scene import STUDIES, Scene, make_matter
+    from peers_scene import STUDIES, PeerScene, make_matter
 
     study = next(s for s in STUDIES if s.name == "ball, 1 lamp, 64 px")
     with tempfile.TemporaryDirectory() as name:
         make_matter(Path(name))
-        scene = Scene(study, Path(name))
+        scene = PeerScene(study, Path(name))
         frame = frames(scene)["step 0.5 voxel"]
         frame()
     return frame

@@ -45,7 +45,7 @@ def main() -> None:
     record("scaling", found)
 
 
-class Study:
+class ScalingStudy:
     """Settings of one study, each with what it is and its frames."""
 
     def __init__(self) -> None:
@@ -74,9 +74,9 @@ def frames(boxes: Sequence[hg.VolumeBox], pixels: int, lit: int) -> dict[str, Fr
     return {"mapped_s": lambda: frame(MAPPED), "unshaded_s": lambda: frame(UNSHADED)}
 
 
-def resolutions(finest: int) -> Study:
+def resolutions(finest: int) -> ScalingStudy:
     """The same shell in finer and finer voxels."""
-    study = Study()
+    study = ScalingStudy()
     for voxels in (n for n in RESOLUTIONS if n <= finest):
         box = FUZZY.box(voxels)
         what = {"voxels": voxels, "lattice": voxels**3, "kept_bricks": box.bricks.kept}
@@ -84,25 +84,25 @@ def resolutions(finest: int) -> Study:
     return study
 
 
-def pictures() -> Study:
+def pictures() -> ScalingStudy:
     """The same shell in more and more pixels."""
-    study, box = Study(), FUZZY.box(VOXELS)
+    study, box = ScalingStudy(), FUZZY.box(VOXELS)
     for side in PICTURES:
         study.add({"pixels": side**2} | steps_of([box], camera(side), lamps(LAMPS)), [box], pixels=side)
     return study
 
 
-def lamp_counts() -> Study:
+def lamp_counts() -> ScalingStudy:
     """The same shell under more and more lamps."""
-    study, box = Study(), FUZZY.box(VOXELS)
+    study, box = ScalingStudy(), FUZZY.box(VOXELS)
     for lit in LAMP_COUNTS:
         study.add({"lamps": lit}, [box], lit=lit)
     return study
 
 
-def box_counts() -> Study:
+def box_counts() -> ScalingStudy:
     """The same shell in more and more boxes: cut, side by side; and overlapped, each with a part of its density."""
-    study, whole, longest = Study(), FUZZY.box(VOXELS), 0.0
+    study, whole, longest = ScalingStudy(), FUZZY.box(VOXELS), 0.0
     for parts in CUTS:
         boxes, places = int(np.prod(parts)), product(*(range(n) for n in parts))
         cut = [FUZZY.part(VOXELS, parts, place) for place in places]

@@ -24,7 +24,7 @@ from hagoromo_page.viewer.view_state import ViewState
 from hagoromo_page.viewer.watcher import Desk, Watcher
 
 
-class Reference(SceneFiles):
+class ReferenceFiles(SceneFiles):
     """The reference scene with the lamps of a state, without files."""
 
     def __init__(self, size: int) -> None:
@@ -56,7 +56,7 @@ def main() -> None:
     given = options.parse_args()
     places = [np.array(place, float).tolist() for place in ([2.0, 2.0, 2.0], [-2.0, 1.0, 2.0], [0.0, -2.5, 1.5])]
     state = ViewState({"camera": {}, "lamp": [{"position": place, "intensity": 27.0} for place in places]})
-    desk = Desk(Reference(given.size), state)
+    desk = Desk(ReferenceFiles(given.size), state)
     watcher = Watcher(desk)
 
     def orbit(k: int) -> None:

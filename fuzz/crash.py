@@ -28,7 +28,7 @@ from hashlib import blake2b
 from pathlib import Path
 from typing import Any
 
-from fuzz.crash_cases import CASES, Case
+from fuzz.crash_cases import CASES, CrashCase
 
 CHANGES = ("os.rename", "os.remove", "os.mkdir", "os.rmdir", "os.link", "os.symlink", "os.truncate", "hagoromo.rename")
 CALLS = "mkdir,rename,renameat2,unlink,unlinkat,rmdir,link,fsync,ftruncate,write,pwrite64"
@@ -45,7 +45,7 @@ Seen = dict[str, str]
 
 
 @dataclass(frozen=True)
-class Run:
+class CrashRun:
     """How a command ended: exit status (negative: the signal), its lines on standard error, operations seen."""
 
     status: int
@@ -90,8 +90,13 @@ def command(arguments: list[str]) -> int:
 
 
 def run(
-    case: Case, folder: Path, force: bool, kill_at: int | None = None, limit: int | None = None, traced: bool = False
-) -> Run:
+    case: CrashCase,
+    folder: Path,
+    force: bool,
+    kill_at: int | None = None,
+    limit: int | None = None,
+    traced: bool = False,
+) -> CrashRun:
     """Run the command of `case` in `folder`, in a process of its own; traced: operations are calls of the system."""
     count = folder.parent / "count"
     count.unlink(missing_ok=True)
@@ -112,10 +117,10 @@ def run(
         said = file.read()
     status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
     counted = int(count.read_text() or 0) if count.exists() else 0
-    return Run(status, said.decode(errors="replace"), counted)
+    return CrashRun(status, said.decode(errors="replace"), counted)
 
 
-def _traced(arguments: list[str], calls: Path, kill_at: int | None) -> Run:
+def _traced(arguments: list[str], calls: Path, kill_at: int | None) -> CrashRun:
     """Run a command under strace; any of its threads is killed at its call number `kill_at`."""
     kill = [] if kill_at is None else ["-e", f"inject={CALLS}:signal=SIGKILL:when={kill_at}"]
     strace = ["strace", "-f", "-qq", "-o", str(calls), "-e", f"trace={CALLS}", *kill]
@@ -124,7 +129,7 @@ def _traced(arguments: list[str], calls: Path, kill_at: int | None) -> Run:
         stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, timeout=SECONDS, check=False,
     )  # fmt: skip
     threads = Counter(line.split()[0] for line in calls.read_text(errors="replace").splitlines())
-    return Run(ended.returncode, ended.stderr.decode(errors="replace"), max(threads.values(), default=0))
+    return CrashRun(ended.returncode, ended.stderr.decode(errors="replace"), max(threads.values(), default=0))
 
 
 def _in_child(folder: Path, kill_at: int | None, limit: int | None, count: Path, arguments: list[str]) -> int:
@@ -154,12 +159,12 @@ def seen(folder: Path) -> Seen:
     return found
 
 
-def states(case: Case, found: Seen) -> list[Seen]:
+def states(case: CrashCase, found: Seen) -> list[Seen]:
     """What is at each target."""
     return [{k: v for k, v in found.items() if k == name or k.startswith(f"{name}/")} for name in case.targets]
 
 
-def put_old(case: Case, folder: Path) -> None:
+def put_old(case: CrashCase, folder: Path) -> None:
     """Older targets, as Hagoromo may have written them."""
     for name in case.targets:
         place = folder / name
@@ -172,7 +177,7 @@ def put_old(case: Case, folder: Path) -> None:
             place.write_bytes(OLD)
 
 
-def faults(case: Case, home: Path, asked: int, way: str, known: Counter[str]) -> Iterator[str]:
+def faults(case: CrashCase, home: Path, asked: int, way: str, known: Counter[str]) -> Iterator[str]:
     """Kill (or fill the disk of) a case at up to `asked` points; yields "" for each clean one, else what was wrong.
 
     known: how many points there are is added to it.
@@ -198,7 +203,7 @@ def faults(case: Case, home: Path, asked: int, way: str, known: Counter[str]) ->
             yield f"{case.name}{' --force' if force else ''} at {point}: {wrong}" if wrong else ""
 
 
-def _load(case: Case, home: Path) -> None:
+def _load(case: CrashCase, home: Path) -> None:
     """Run a case in this process, so that its children need not load what it needs, nor compile its kernels."""
     if case.prepare is not None:
         case.prepare()
@@ -216,7 +221,7 @@ def _without_threads() -> None:
     dr.set_thread_count(0)
 
 
-def _renew(case: Case, home: Path, force: bool) -> None:
+def _renew(case: CrashCase, home: Path, force: bool) -> None:
     """The folder as it was before the command; force: with older targets."""
     fresh = home / "fresh"
     _away(fresh)
@@ -242,7 +247,7 @@ def _narrow(fresh: Path, pages: int | None) -> None:
     subprocess.run(["mount", "-o", f"remount,size={size}", str(fresh)], check=True)
 
 
-def _killed(case: Case, folder: Path, force: bool, ended: Run, old: Seen, new: Seen) -> str:
+def _killed(case: CrashCase, folder: Path, force: bool, ended: CrashRun, old: Seen, new: Seen) -> str:
     """What is wrong after a command was killed, or after the same command has run again."""
     if ended.status not in (-signal.SIGKILL, ALL_RIGHT):
         return f"status {ended.status}: {ended.said[-200:]}"
@@ -259,7 +264,7 @@ def _killed(case: Case, folder: Path, force: bool, ended: Run, old: Seen, new: S
     return _unlike(seen(folder), new)
 
 
-def _filled(case: Case, folder: Path, force: bool, point: int, way: str, old: Seen, new: Seen) -> str:
+def _filled(case: CrashCase, folder: Path, force: bool, point: int, way: str, old: Seen, new: Seen) -> str:
     """What is wrong after a disk that was full once a file had `point` bytes, or once that many pages were written."""
     if way == "disk":
         _narrow(folder, point)
@@ -291,7 +296,7 @@ def _filled(case: Case, folder: Path, force: bool, point: int, way: str, old: Se
     return _unlike(seen(folder), new)
 
 
-def _neither(case: Case, found: list[Seen], old: list[Seen], new: list[Seen]) -> str:
+def _neither(case: CrashCase, found: list[Seen], old: list[Seen], new: list[Seen]) -> str:
     """The first target that is neither old nor new; "" if there is none."""
     for name, state, before, after in zip(case.targets, found, old, new, strict=True):
         if state not in (before, after) and not (case.grows and _has_grown(name, state, after)):

@@ -52,7 +52,7 @@ out = "yaml/{name}.yml"
 
 
 @dataclass(frozen=True)
-class Case:
+class CrashCase:
     """A command. words: its arguments, names of inputs and of the first of `targets` as they lie in the folder.
 
     A target without suffix, or with .zarr, is a folder. out: the argument of --out, if it is not the first target.
@@ -248,10 +248,10 @@ def _measured(folder: Path) -> None:
 
 
 def _two_dates(folder: Path) -> None:
-    from tests.inverse.simulated_relief import Relief, relief_camera, relief_measurement
+    from tests.inverse.simulated_relief import SimulatedRelief, relief_camera, relief_measurement
 
     for seed, name in enumerate(("before", "after")):
-        relief_measurement(Relief(), relief_camera(40, eye=(0.02 * seed, 0.0, 0.4)), seed).save(folder / name)
+        relief_measurement(SimulatedRelief(), relief_camera(40, eye=(0.02 * seed, 0.0, 0.4)), seed).save(folder / name)
 
 
 def _results(folder: Path) -> None:
@@ -309,84 +309,86 @@ def _schemas() -> tuple[str, ...]:
 
 
 USD_CASES = (
-    Case("convert USD to a scene", _usd, ("convert", "a.usda"), ("out",), slow=8),
-    Case("convert a scene to USD", _plain_scene, ("convert", "scene.toml"), ("out.usdc",), slow=4),
+    CrashCase("convert USD to a scene", _usd, ("convert", "a.usda"), ("out",), slow=8),
+    CrashCase("convert a scene to USD", _plain_scene, ("convert", "scene.toml"), ("out.usdc",), slow=4),
 )
 CASES = (
-    Case("convert to OpenCV", _cameras, ("convert", "cameras.yml"), ("out.yml",)),
-    Case("convert to COLMAP", _cameras, ("convert", "cameras.yml"), ("out",)),
-    Case("convert to nerfstudio", _cameras, ("convert", "cameras.yml"), ("out.json",)),
-    Case("convert to Middlebury", _cameras, ("convert", "cameras.yml"), ("out.txt",)),
-    Case(
+    CrashCase("convert to OpenCV", _cameras, ("convert", "cameras.yml"), ("out.yml",)),
+    CrashCase("convert to COLMAP", _cameras, ("convert", "cameras.yml"), ("out",)),
+    CrashCase("convert to nerfstudio", _cameras, ("convert", "cameras.yml"), ("out.json",)),
+    CrashCase("convert to Middlebury", _cameras, ("convert", "cameras.yml"), ("out.txt",)),
+    CrashCase(
         "convert to a capture", _views, ("convert", "transforms.json", "--images", "images"), ("out",)
     ),
-    Case("convert to a box", _volume, ("convert", "a.npy"), ("out.zarr",), resumes=True),
-    Case("convert to NRRD", _small_box, ("convert", "box.zarr"), ("out.nrrd",)),
-    Case("convert to OpenVDB", _small_box, ("convert", "box.zarr"), ("out.vdb",)),
-    Case("convert to VTI", _small_box, ("convert", "box.zarr"), ("out.vti",)),
-    Case("convert to .vol", _small_box, ("convert", "box.zarr"), ("out.vol",)),
-    Case("convert to HDR", _image, ("convert", "scene.exr"), ("out.hdr",)),
-    Case("convert to TIFF", _image, ("convert", "scene.exr"), ("out.tif",)),
-    Case(
+    CrashCase("convert to a box", _volume, ("convert", "a.npy"), ("out.zarr",), resumes=True),
+    CrashCase("convert to NRRD", _small_box, ("convert", "box.zarr"), ("out.nrrd",)),
+    CrashCase("convert to OpenVDB", _small_box, ("convert", "box.zarr"), ("out.vdb",)),
+    CrashCase("convert to VTI", _small_box, ("convert", "box.zarr"), ("out.vti",)),
+    CrashCase("convert to .vol", _small_box, ("convert", "box.zarr"), ("out.vol",)),
+    CrashCase("convert to HDR", _image, ("convert", "scene.exr"), ("out.hdr",)),
+    CrashCase("convert to TIFF", _image, ("convert", "scene.exr"), ("out.tif",)),
+    CrashCase(
         "convert to tiles and parts", _image, ("convert", "scene.exr", "--exr", "half", "tiles", "parts"), ("out.exr",)
     ),
-    Case("convert to spectra", _image, ("convert", "scene.exr", "--to", "spectral"), ("out.exr",)),
-    Case("convert a scene to glTF", _scene, ("convert", "scene.toml"), ("out.glb",)),
-    Case("convert a scene for Mitsuba", _scene, ("convert", "scene.toml"), ("out",)),
-    Case("convert a scene of Mitsuba", _mitsuba, ("convert", "a.xml"), ("out",)),
+    CrashCase("convert to spectra", _image, ("convert", "scene.exr", "--to", "spectral"), ("out.exr",)),
+    CrashCase("convert a scene to glTF", _scene, ("convert", "scene.toml"), ("out.glb",)),
+    CrashCase("convert a scene for Mitsuba", _scene, ("convert", "scene.toml"), ("out",)),
+    CrashCase("convert a scene of Mitsuba", _mitsuba, ("convert", "a.xml"), ("out",)),
     *(USD_CASES if find_spec("pxr") else ()),  # an extra
-    Case("convert glTF to OBJ", _gltf, ("convert", "a.glb"), ("out.obj",)),
-    Case("convert glTF to a scene", _gltf, ("convert", "a.glb"), ("out",)),
-    Case("expose", _image, ("expose", "scene.exr"), ("out.exr", "out.png")),
-    Case("develop", _exposure, ("develop", "a.png", "--exposures", "0.1", "--black", "512"), ("out.exr",)),
-    Case(
+    CrashCase("convert glTF to OBJ", _gltf, ("convert", "a.glb"), ("out.obj",)),
+    CrashCase("convert glTF to a scene", _gltf, ("convert", "a.glb"), ("out",)),
+    CrashCase("expose", _image, ("expose", "scene.exr"), ("out.exr", "out.png")),
+    CrashCase("develop", _exposure, ("develop", "a.png", "--exposures", "0.1", "--black", "512"), ("out.exr",)),
+    CrashCase(
         "capture", _photographs, ("capture", "a.exr", "b.exr", "c.exr", "--lamps", "lamps.json"), ("out",)
     ),
-    Case(
+    CrashCase(
         "calibrate response", _pairs, ("calibrate", "response", "pairs.csv"),
         ("out.csv", "out_interval.csv", "out.json", "out.png"),
     ),
-    Case(
+    CrashCase(
         "calibrate camera", _boards,
         ("calibrate", "camera", "0.png", "1.png", "2.png", "3.png", "--board", "7x5", "--square", "0.02"),
         ("out.json", "out.png"),
     ),
-    Case("calibrate lamps", _balls, ("calibrate", "lamps", "0.png", "1.png", "--mask", "mask.png"), ("out.json",)),
-    Case("calibrate rig", _card, ("calibrate", "rig", "capture", "--card"), ("out.json",)),
-    Case("simulate", _scene, ("simulate", "scene.toml"), ("out",)),
-    Case("measure", _capture, ("measure", "capture"), ("out",)),
-    Case("measure unknown shape", _unknown_shape, ("measure", "capture"), ("out",), slow=3),
-    Case("health", _unknown_shape, ("health", "capture"), ("out.json",)),
-    Case("build", _recipe, ("build", "solid.toml"), ("out.zarr",), resumes=True),
-    Case("build a texel", _cloth, ("build", "cloth.toml"), ("out.zarr",), resumes=True, slow=5),
-    Case("render", _box_scene, ("render", "scene.toml"), ("out.exr", "out.png")),
-    Case("render frames", _scene, ("render", "scene.toml", "--turntable", "2"), ("out",), resumes=True),
-    Case("render a film", _scene, ("render", "scene.toml", "--turntable", "2"), ("out.gif", "out_frames"), apart=True),
-    Case("render by walks", _scene, ("render", "scene.toml", "--mode", "path"), ("out.exr", "out.png")),
-    Case("relight", _capture, ("relight", "capture"), ("out",), slow=6),
-    Case(
+    CrashCase("calibrate lamps", _balls, ("calibrate", "lamps", "0.png", "1.png", "--mask", "mask.png"), ("out.json",)),
+    CrashCase("calibrate rig", _card, ("calibrate", "rig", "capture", "--card"), ("out.json",)),
+    CrashCase("simulate", _scene, ("simulate", "scene.toml"), ("out",)),
+    CrashCase("measure", _capture, ("measure", "capture"), ("out",)),
+    CrashCase("measure unknown shape", _unknown_shape, ("measure", "capture"), ("out",), slow=3),
+    CrashCase("health", _unknown_shape, ("health", "capture"), ("out.json",)),
+    CrashCase("build", _recipe, ("build", "solid.toml"), ("out.zarr",), resumes=True),
+    CrashCase("build a texel", _cloth, ("build", "cloth.toml"), ("out.zarr",), resumes=True, slow=5),
+    CrashCase("render", _box_scene, ("render", "scene.toml"), ("out.exr", "out.png")),
+    CrashCase("render frames", _scene, ("render", "scene.toml", "--turntable", "2"), ("out",), resumes=True),
+    CrashCase(
+        "render a film", _scene, ("render", "scene.toml", "--turntable", "2"), ("out.gif", "out_frames"), apart=True
+    ),
+    CrashCase("render by walks", _scene, ("render", "scene.toml", "--mode", "path"), ("out.exr", "out.png")),
+    CrashCase("relight", _capture, ("relight", "capture"), ("out",), slow=6),
+    CrashCase(
         "recover", _all_around, ("recover", "capture", "--side", "16", "--steps", "1", "--voxels", "16"),
         ("out.zarr", "out.ply", "out.json", "out.html"), apart=True, slow=6,
     ),
-    Case(
+    CrashCase(
         "spectra", _photographs,
         ("spectra", "a.exr", "--lamp", "D65", "--response", "canon_eos_300d", "--white", "w", "--region", "w=0,0,4,4",
          "--region", "r=5,0,4,4", "--prior", "smooth"),
         ("out",),
     ),
-    Case("publish a page", _measured, ("publish", "measured"), ("out.html",)),
-    Case("publish a box", _box_scene, ("publish", "scene.toml", "--lamps", "8"), ("out.html",), slow=4),
-    Case("publish a folder", _measured, ("publish", "measured"), ("out",)),
-    Case("profile", _measured, ("profile", "measured", "--line", "12", "11", "19", "12"), ("out.csv", "out.png")),
-    Case("maps", _measured, ("maps", "measured"), ("out",)),
-    Case("raking", _measured, ("raking", "measured", "--frames", "2"), ("out",)),
-    Case("change", _two_dates, ("change", "before", "after"), ("out",), slow=6),
-    Case("archive", _results, ("archive", "results", "--profile", "profile.toml", "--inventory", "1"), ("out",)),
-    Case("export", _measured, ("export", "measured", "--to", "png", "ply", "ptm"), ("out",)),
-    Case("schema", _nothing, ("schema",), _schemas(), out="out", apart=True, forces=False),
-    Case(
+    CrashCase("publish a page", _measured, ("publish", "measured"), ("out.html",)),
+    CrashCase("publish a box", _box_scene, ("publish", "scene.toml", "--lamps", "8"), ("out.html",), slow=4),
+    CrashCase("publish a folder", _measured, ("publish", "measured"), ("out",)),
+    CrashCase("profile", _measured, ("profile", "measured", "--line", "12", "11", "19", "12"), ("out.csv", "out.png")),
+    CrashCase("maps", _measured, ("maps", "measured"), ("out",)),
+    CrashCase("raking", _measured, ("raking", "measured", "--frames", "2"), ("out",)),
+    CrashCase("change", _two_dates, ("change", "before", "after"), ("out",), slow=6),
+    CrashCase("archive", _results, ("archive", "results", "--profile", "profile.toml", "--inventory", "1"), ("out",)),
+    CrashCase("export", _measured, ("export", "measured", "--to", "png", "ply", "ptm"), ("out",)),
+    CrashCase("schema", _nothing, ("schema",), _schemas(), out="out", apart=True, forces=False),
+    CrashCase(
         "batch", _batch, ("batch", "batch.toml"), ("out/models/a", "out/models/b", "out/yaml/a.yml", "out/yaml/b.yml"),
         out="out", apart=True, fails=(1, 2),
     ),
-    Case("demo", _nothing, ("demo",), ("out",), grows=True, slow=15, prepare=_smaller_demo),
+    CrashCase("demo", _nothing, ("demo",), ("out",), grows=True, slow=15, prepare=_smaller_demo),
 )  # fmt: skip

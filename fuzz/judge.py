@@ -18,7 +18,7 @@ from hagoromo.errors import LONGEST, InputError
 READ, REFUSED, FAULT = "read", "refused", "fault"
 
 
-class Verdict(NamedTuple):
+class FuzzVerdict(NamedTuple):
     """outcome: READ, REFUSED or FAULT. kind: one for faults of the same cause. text: message, or what went wrong."""
 
     outcome: str
@@ -26,17 +26,17 @@ class Verdict(NamedTuple):
     text: str = ""
 
 
-def judged(read: Callable[[Path], Any], path: Path) -> Verdict:
+def judged(read: Callable[[Path], Any], path: Path) -> FuzzVerdict:
     """The verdict on reading `path`, which must be done by a process that prints nothing of its own meanwhile."""
     with printed() as noise:
         verdict = _read(read, path)
     said = noise()
     if said.strip() and verdict.outcome != FAULT:
-        return Verdict(FAULT, f"printed: {' '.join(said.split())[:60]}", said[-2000:])
+        return FuzzVerdict(FAULT, f"printed: {' '.join(said.split())[:60]}", said[-2000:])
     return verdict
 
 
-def _read(read: Callable[[Path], Any], path: Path) -> Verdict:
+def _read(read: Callable[[Path], Any], path: Path) -> FuzzVerdict:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
@@ -46,17 +46,19 @@ def _read(read: Callable[[Path], Any], path: Path) -> Verdict:
     except InputError as error:
         wrong = wrong_message(str(error).replace(str(path.parent), "…"))
         return (
-            Verdict(FAULT, f"message: {wrong}", repr(str(error))[:2000]) if wrong else Verdict(REFUSED, text=str(error))
+            FuzzVerdict(FAULT, f"message: {wrong}", repr(str(error))[:2000])
+            if wrong
+            else FuzzVerdict(REFUSED, text=str(error))
         )
     except OSError as error:
         if error.errno is not None and type(error).__module__ == "builtins":
-            return Verdict(REFUSED, text=str(error))
+            return FuzzVerdict(REFUSED, text=str(error))
         return _fault(error)
     except (KeyboardInterrupt, SystemExit):
         raise
     except BaseException as error:
         return _fault(error)
-    return Verdict(READ)
+    return FuzzVerdict(READ)
 
 
 def wrong_message(message: str) -> str:
@@ -69,7 +71,7 @@ def wrong_message(message: str) -> str:
     return "" if len(message) <= LONGEST else "too long"
 
 
-def _fault(error: BaseException) -> Verdict:
+def _fault(error: BaseException) -> FuzzVerdict:
     """kind: the exception, and the line of this package, or of the library, that it came from."""
     frames = traceback.extract_tb(error.__traceback__)
     own = [
@@ -79,7 +81,7 @@ def _fault(error: BaseException) -> Verdict:
     ]
     place = own[-1] if own else frames[-1]
     kind = f"{type(error).__name__} in {Path(place.filename).name}:{place.name}"
-    return Verdict(FAULT, kind, "".join(traceback.format_exception(error))[-3000:])
+    return FuzzVerdict(FAULT, kind, "".join(traceback.format_exception(error))[-3000:])
 
 
 @contextmanager

@@ -17,7 +17,7 @@ import psutil
 
 from fuzz.judge import FAULT, READ, REFUSED
 from fuzz.readers import READERS
-from fuzz.worker import GOOD, SWAPS, Job
+from fuzz.worker import GOOD, SWAPS, FuzzJob
 
 MOST_SWAPS = 1 << 20  # of a reader: all
 COUNT = 60  # mutations of a reader at a time
@@ -27,7 +27,7 @@ ROOT = Path(__file__).resolve().parents[1]
 Try = dict[str, Any]  # reader, seed, outcome, kind, text
 
 
-class Outcome(NamedTuple):
+class FuzzOutcome(NamedTuple):
     """tallies: reader → how many mutations were read, refused, faults. faults: all that went wrong."""
 
     tallies: dict[str, Counter[str]]
@@ -36,39 +36,39 @@ class Outcome(NamedTuple):
 
 def fuzzed(
     names: Sequence[str] = (), first: int = 0, count: int = COUNT, minutes: float = 0.0, processes: int = 1
-) -> Outcome:
+) -> FuzzOutcome:
     """Mutations `first` to first + count of the readers; with `minutes`, further ones until the time is over."""
-    outcome = Outcome(defaultdict(Counter), [])
+    outcome = FuzzOutcome(defaultdict(Counter), [])
     end = time.monotonic() + 60.0 * minutes
     while True:
-        _try([Job(name, first, max(round(count * READERS[name].share), 1)) for name in names or READERS], processes,
+        _try([FuzzJob(name, first, max(round(count * READERS[name].share), 1)) for name in names or READERS], processes,
              outcome)  # fmt: skip
         first += count
         if time.monotonic() >= end:
             return outcome
 
 
-def swapped(names: Sequence[str] = (), processes: int = 1) -> Outcome:
+def swapped(names: Sequence[str] = (), processes: int = 1) -> FuzzOutcome:
     """Each node of each JSON and TOML file that the readers take, replaced by a value of each type, one at a time."""
-    outcome = Outcome(defaultdict(Counter), [])
-    _try([Job(name, SWAPS, MOST_SWAPS) for name in names or READERS], processes, outcome)
+    outcome = FuzzOutcome(defaultdict(Counter), [])
+    _try([FuzzJob(name, SWAPS, MOST_SWAPS) for name in names or READERS], processes, outcome)
     return outcome
 
 
-def _try(jobs: Sequence[Job], processes: int, outcome: Outcome) -> None:
+def _try(jobs: Sequence[FuzzJob], processes: int, outcome: FuzzOutcome) -> None:
     with ThreadPoolExecutor(processes) as threads:
         for tries in threads.map(_tried, [jobs[k::processes] for k in range(processes)]):
             _add(tries, outcome)
 
 
-def _add(tries: Sequence[Try], outcome: Outcome) -> None:
+def _add(tries: Sequence[Try], outcome: FuzzOutcome) -> None:
     for one in tries:
         outcome.tallies[one["reader"]][one["outcome"]] += 1
         if one["outcome"] == FAULT:
             outcome.faults.append(one)
 
 
-def _tried(jobs: Sequence[Job]) -> list[Try]:
+def _tried(jobs: Sequence[FuzzJob]) -> list[Try]:
     """The jobs in one process; after a crash or a hang another process goes on behind it."""
     tries: list[Try] = []
     left = list(jobs)
@@ -86,7 +86,7 @@ def _tried(jobs: Sequence[Job]) -> list[Try]:
         at = next(k for k, job in enumerate(left) if job.reader == name)
         last = left[at].first + left[at].count
         more = GOOD < seed < last - 1
-        left = [*([Job(name, seed + 1, last - seed - 1)] if more else []), *left[at + 1 :]]
+        left = [*([FuzzJob(name, seed + 1, last - seed - 1)] if more else []), *left[at + 1 :]]
     return tries
 
 
@@ -115,7 +115,7 @@ def _watched(command: list[str], results: Path) -> str:
     return "" if process.returncode == 0 else f"process ended with {process.returncode}\n{text}"
 
 
-def report(outcome: Outcome) -> str:
+def report(outcome: FuzzOutcome) -> str:
     """A table of the readers, and the faults by kind with a seed of each."""
     titles = ("tried", READ, REFUSED, "unclean")
     rows = ["".join([f"{'reader':28}", *(f"{title:>9}" for title in titles)])]

@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fuzz.crash_cases import CASES, Case
+from fuzz.crash_cases import CASES, CrashCase
 from fuzz.mutators import spoil_one
 from hagoromo.errors import InputError
 
@@ -58,7 +58,7 @@ NEVER = ("scheduler", "out")  # they start processes; OUTS are tried in their pl
 class Verb(NamedTuple):
     """case: command with its inputs; function: the name of what is called, whose options it has."""
 
-    case: Case
+    case: CrashCase
     function: str
 
     def write(self, folder: Path) -> None:
@@ -188,15 +188,15 @@ def _patience() -> Iterator[None]:
         signal.signal(signal.SIGALRM, before)
 
 
-def function_of(case: Case) -> str:
+def function_of(case: CrashCase) -> str:
     """The name of what a command calls."""
     return "_".join(case.words[: 2 if case.words[0] == "calibrate" else 1])
 
 
 _MADE = {case.name: case for case in CASES}
 LOOKING = (
-    Case("info", _MADE["expose"].make, ("info", "scene.exr"), ("out",)),
-    Case("compare", _MADE["expose"].make, ("compare", "scene.exr", "scene.exr"), ("out",)),
+    CrashCase("info", _MADE["expose"].make, ("info", "scene.exr"), ("out",)),
+    CrashCase("compare", _MADE["expose"].make, ("compare", "scene.exr", "scene.exr"), ("out",)),
 )
 SLOW = (
     "calibrate camera", "calibrate response", "simulate", "health", "measure", "measure unknown shape", "build",

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fuzz.costs import costs
-from fuzz.judge import FAULT, REFUSED, Verdict, judged
+from fuzz.judge import FAULT, REFUSED, FuzzVerdict, judged
 from fuzz.mutators import JSON, spoil_one
 from fuzz.readers import READERS, Reader, palette_spoilt
 from fuzz.trees import swaps
@@ -30,14 +30,14 @@ SWAPS = 1 << 40  # the seed of the first swap: each node of each JSON or TOML fi
 WITH_TREES = (*JSON, ".toml")
 
 
-class Sample(NamedTuple):
+class FuzzSample(NamedTuple):
     """files: of a good sample, name in the folder → bytes. is_file: whether it is one file, not a folder."""
 
     files: dict[str, bytes]
     is_file: bool
 
 
-class Job(NamedTuple):
+class FuzzJob(NamedTuple):
     """Seeds `first` to first + count of a reader."""
 
     reader: str
@@ -78,7 +78,7 @@ def bound_memory() -> None:
     resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
 
 
-def sample_of(reader: Reader) -> Sample:
+def sample_of(reader: Reader) -> FuzzSample:
     """The good sample of a reader."""
     with tempfile.TemporaryDirectory(prefix="fuzz-") as folder:
         home = Path(folder) / reader.name
@@ -86,25 +86,25 @@ def sample_of(reader: Reader) -> Sample:
             home.mkdir()
         reader.write(home)
         if home.is_file():
-            return Sample({reader.name: home.read_bytes()}, True)
+            return FuzzSample({reader.name: home.read_bytes()}, True)
         files = sorted(path for path in home.rglob("*") if path.is_file())
-        return Sample({path.relative_to(home).as_posix(): path.read_bytes() for path in files}, False)
+        return FuzzSample({path.relative_to(home).as_posix(): path.read_bytes() for path in files}, False)
 
 
-def tried(reader: Reader, sample: Sample, seed: int, scratch: Path) -> Verdict:
+def tried(reader: Reader, sample: FuzzSample, seed: int, scratch: Path) -> FuzzVerdict:
     """The verdict on the sample spoilt by `seed`; a good one must be read."""
     path = written(reader, sample, seed, scratch)
     with costs() as wrong:
         verdict = judged(reader.read, path)
     if wrong() and verdict.outcome != FAULT and not reader.works:
-        verdict = Verdict(FAULT, wrong(), f"{wrong()}: {verdict.text}")
+        verdict = FuzzVerdict(FAULT, wrong(), f"{wrong()}: {verdict.text}")
     if seed == GOOD and reader.good and verdict.outcome == REFUSED:
-        verdict = Verdict(FAULT, "the good sample is refused", verdict.text)
+        verdict = FuzzVerdict(FAULT, "the good sample is refused", verdict.text)
     shutil.rmtree(scratch / "try", ignore_errors=True)
     return verdict
 
 
-def swapped_file(reader: Reader, sample: Sample, number: int) -> tuple[str, bytes] | None:
+def swapped_file(reader: Reader, sample: FuzzSample, number: int) -> tuple[str, bytes] | None:
     """The name and the bytes of the file of a swap; None behind the last one."""
     if reader.name not in _swaps:
         _swaps.clear()
@@ -118,7 +118,7 @@ def swapped_file(reader: Reader, sample: Sample, number: int) -> tuple[str, byte
 _swaps: dict[str, list[tuple[str, bytes]]] = {}
 
 
-def written(reader: Reader, sample: Sample, seed: int, scratch: Path) -> Path:
+def written(reader: Reader, sample: FuzzSample, seed: int, scratch: Path) -> Path:
     """The path to read: the spoilt sample in the folder `scratch`."""
     swap = swapped_file(reader, sample, seed - SWAPS) if seed >= SWAPS else None
     random = None if seed == GOOD or swap else np.random.default_rng([zlib.crc32(reader.name.encode()), seed])

@@ -24,7 +24,7 @@ from hagoromo.backend import arrays
 from hagoromo.light.colour import srgb_encode
 from hagoromo.matter import shape as sd
 from hagoromo_matter.noise import value_noise
-from studies.recover_scenes import DISTANCE, Shots, Truth, simulated
+from studies.recover_scenes import DISTANCE, Shots, TrueObject, simulated
 
 Array = NDArray[np.float64]
 TABLE, EDGE = -0.0375, 0.16  # [m] height of its top, half its edge
@@ -37,7 +37,7 @@ CELLS = (0.0035, 0.009)  # [m] of the pattern
 WHITE, QUALITY = 0.9, 95  # where the brightest light is in a file; of JPEG
 
 
-class OnTable(Truth):
+class OnTable(TrueObject):
     """The object of the study of recovery, with a fine pattern, on a table."""
 
     def distance(self, p: Any) -> Any:

@@ -8,7 +8,7 @@ Range = tuple[float, float]
 
 
 @dataclass(frozen=True)
-class Condition:
+class BallCondition:
     """What the photographs suffer from: ranges of uniform draws, of white unless stated.
 
     over: logarithm to base 10 of the lamp's light. lamp_deg: half width of the lamp. scratches, dust, streaks: how
@@ -38,22 +38,22 @@ class Condition:
 
 
 CHROME = {
-    "clean": Condition(),
-    "spikes": Condition(over=(0.5, 2.3), spikes=(0.02, 0.12)),
-    "streaks": Condition(over=(0.2, 2.0), streaks=(1, 4)),
-    "scratched": Condition(over=(0.2, 2.0), scratches=(10, 60)),
-    "dusty": Condition(over=(0.2, 2.0), dust=(20, 120)),
-    "second": Condition(over=(0.5, 2.0), second=(1, 2)),
-    "worn": Condition(
+    "clean": BallCondition(),
+    "spikes": BallCondition(over=(0.5, 2.3), spikes=(0.02, 0.12)),
+    "streaks": BallCondition(over=(0.2, 2.0), streaks=(1, 4)),
+    "scratched": BallCondition(over=(0.2, 2.0), scratches=(10, 60)),
+    "dusty": BallCondition(over=(0.2, 2.0), dust=(20, 120)),
+    "second": BallCondition(over=(0.5, 2.0), second=(1, 2)),
+    "worn": BallCondition(
         over=(0.2, 2.3), lamp_deg=(0.7, 5.0), scratches=(5, 40), dust=(5, 60), streaks=(0, 2), streak_light=(0.1, 0.8),
         wings=(0.01, 0.1), spikes=(0.0, 0.06), second=(0, 1), second_light=(0.3, 2.0), room=(0.0, 0.3),
         defocus=(0.0, 1.2), jpeg=True,
     ),
 }  # fmt: skip
 GLOSSY = {
-    "black plastic": Condition(over=(-1.0, 1.0), body=(0.0, 0.03), fresnel=0.04, gloss=(0.01, 0.05), jpeg=True),
-    "white plastic": Condition(over=(-0.3, 1.0), body=(0.35, 0.9), fresnel=0.04, gloss=(0.01, 0.05), jpeg=True),
-    "glazed": Condition(
+    "black plastic": BallCondition(over=(-1.0, 1.0), body=(0.0, 0.03), fresnel=0.04, gloss=(0.01, 0.05), jpeg=True),
+    "white plastic": BallCondition(over=(-0.3, 1.0), body=(0.35, 0.9), fresnel=0.04, gloss=(0.01, 0.05), jpeg=True),
+    "glazed": BallCondition(
         over=(-0.3, 1.0), scratches=(0, 10), scratch_light=(0.05, 0.5), dust=(0, 20), body=(0.1, 0.6), fresnel=0.05,
         gloss=(0.02, 0.08), jpeg=True,
     ),

@@ -19,7 +19,7 @@ import hagoromo as hg
 from studies.cluster_bench import measured
 from studies.cluster_orders import figure_of_modes, figure_rows, full_rows, on_paper
 from studies.cluster_page import write_cluster_page
-from studies.cluster_simulation import Machines, Work, simulate
+from studies.cluster_simulation import Machines, SimulatedWork, simulate
 
 WORKERS = (1, 3, 10, 32, 100, 320, 1000)
 FRAMES, RAYS = 192, 4 * 3840 * 2160  # 8 s of 24 frames; 4 rays a pixel
@@ -28,7 +28,9 @@ HEAVIER = 4.0  # cost of a ray of figure 8 over one of the scene that is measure
 PREPARE_S = 60.0  # of figure 8: boxes to the device, shadow maps of three lamps; assumed
 WORKER_CORES = 16
 ORDERS_ROWS = Path(__file__).with_name("cluster_orders.json")  # of the page as it stands
-CAPTURES = Work(scenes=10_000, tasks=1, fetched=12 * 20e6, prepare_s=0.0, work_s=120.0, returned=2e3, spread=0.5)
+CAPTURES = SimulatedWork(
+    scenes=10_000, tasks=1, fetched=12 * 20e6, prepare_s=0.0, work_s=120.0, returned=2e3, spread=0.5
+)
 
 
 def cluster_study(
@@ -66,7 +68,7 @@ def simulated(here: dict[str, Any]) -> dict[str, Any]:
     one = next(row for row in here["rows"] if row["workers"] == 1)
     ray_s = one["cpu_s"] / (here["pixels"] * here["samples"])
     frame_s = HEAVIER * ray_s * RAYS / WORKER_CORES
-    film = Work(FRAMES, 1, BOXES_BYTES, PREPARE_S, frame_s, 2e3)
+    film = SimulatedWork(FRAMES, 1, BOXES_BYTES, PREPARE_S, frame_s, 2e3)
     model = Machines(1, scheduler_s=here["task"]["cpu_s"])
     rows = []
     for workers in WORKERS:
@@ -84,7 +86,7 @@ def simulated(here: dict[str, Any]) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def row(kind: str, work: Work, machines: Machines, alone_s: float) -> dict[str, Any]:
+def row(kind: str, work: SimulatedWork, machines: Machines, alone_s: float) -> dict[str, Any]:
     """A simulation, its speed over one worker that takes `alone_s`, and what bounds it."""
     result = simulate(work, machines)
     tasks = work.tasks if work.one_by_one else work.tasks * work.scenes

@@ -25,7 +25,7 @@ from hagoromo.image.walk_sums import FIRST_WALKS, WalkSums
 from hagoromo.image.walk_tiles import PIXELS, walk_on
 from hagoromo_matter.demo.figure_scene import camera_of, cast_of, resized_scene, write_figure_scene
 from studies.cluster_bench import SCENE, cpu_seconds, load
-from studies.cluster_simulation import Machines, Run, Work
+from studies.cluster_simulation import Machines, SimulatedRun, SimulatedWork
 
 WORKERS = (1, 2, 4)
 BALL_SIZE = 320, 240
@@ -151,10 +151,10 @@ def on_paper(figure: dict[str, Any], scheduler_s: float) -> dict[str, Any]:
         machines = Machines(workers, scheduler_s=scheduler_s)
         size = min(max(pixels // (TASKS_PER_WORKER * workers), PIXELS[0]), PIXELS[1])
         tasks = -(-pixels // size)
-        work = Work(1, 1 << 40, figure["boxes_bytes"], one["prepare_cpu_s"], 0.0, 8.0 * (size * 40))
-        run = Run(work, machines, seed=0)
+        work = SimulatedWork(1, 1 << 40, figure["boxes_bytes"], one["prepare_cpu_s"], 0.0, 8.0 * (size * 40))
+        run = SimulatedRun(work, machines, seed=0)
         for step in steps(walks):
-            run.work = Work(**{**vars(work), "work_s": size * step * walk_s / PAPER_CORES})
+            run.work = SimulatedWork(**{**vars(work), "work_s": size * step * walk_s / PAPER_CORES})
             run.run(tasks)
         result = run.result()
         rows.append({"workers": workers, "seconds": result.seconds, "working": result.working, "deaths": result.deaths})

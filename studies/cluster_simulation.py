@@ -30,7 +30,7 @@ class Machines:
 
 
 @dataclass(frozen=True)
-class Work:
+class SimulatedWork:
     """Tasks: `scenes` in a row, of each `tasks` that need it; a scene after the other where `one_by_one`."""
 
     scenes: int
@@ -85,9 +85,9 @@ class Line:
         return self.free
 
 
-def simulate(work: Work, machines: Machines, seed: int = 0) -> Result:
+def simulate(work: SimulatedWork, machines: Machines, seed: int = 0) -> Result:
     """Run all tasks of `work` on `machines`."""
-    total = Run(work, machines, seed)
+    total = SimulatedRun(work, machines, seed)
     if not work.one_by_one:
         return total.run(work.scenes * work.tasks)
     for _ in range(work.scenes):
@@ -95,10 +95,10 @@ def simulate(work: Work, machines: Machines, seed: int = 0) -> Result:
     return total.result()
 
 
-class Run:
+class SimulatedRun:
     """The state of a simulation."""
 
-    def __init__(self, work: Work, machines: Machines, seed: int) -> None:
+    def __init__(self, work: SimulatedWork, machines: Machines, seed: int) -> None:
         self.work, self.machines, self.chance = work, machines, np.random.default_rng(seed)
         self.scheduler, self.store, self.client = Line(), Line(), Line()
         self.now = self.worked = 0.0

@@ -17,7 +17,7 @@ import tyro
 import hagoromo as hg
 from hagoromo.app.shared_options import HERE, Scheduler
 from hagoromo.cluster.cluster import mapped
-from studies.coverage_bench import BENCHES, FULL_WELLS, Bench, Truth, drawn, observed
+from studies.coverage_bench import BENCHES, FULL_WELLS, CoverageBench, TrueMaterial, drawn, observed
 from studies.coverage_page import write_coverage_page
 
 SIMULATIONS = 200
@@ -53,13 +53,15 @@ def coverage_study(
     return record
 
 
-def simulated(bench: Bench, full_well: float, random: np.random.Generator) -> tuple[Truth, hg.MaterialEstimate]:
+def simulated(
+    bench: CoverageBench, full_well: float, random: np.random.Generator
+) -> tuple[TrueMaterial, hg.MaterialEstimate]:
     """One material drawn, observed and estimated."""
     truth = drawn(bench, random)
     return truth, hg.estimate_material(observed(bench, truth, full_well, random), "material", 1)
 
 
-def table(results: list[tuple[Truth, hg.MaterialEstimate]]) -> list[dict[str, Any]]:
+def table(results: list[tuple[TrueMaterial, hg.MaterialEstimate]]) -> list[dict[str, Any]]:
     """Per quantity: number of intervals, of those that contain the truth, lie above and below it, and are identifiable.
 
     relative_width: median width, relative to the truth, of the intervals of identifiable quantities.

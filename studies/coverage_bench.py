@@ -22,7 +22,7 @@ FULL_WELLS = {"45,000 electrons": 45_000.0, "6,000 electrons": 6_000.0, "1,000 e
 
 
 @dataclass(frozen=True)
-class Bench:
+class CoverageBench:
     """Range of materials and lamps. betas: range of β [1/sr], log-uniform. azimuths: of the lamps [°], from the eye.
     tails: range of ν, log-uniform; None: Gaussian facets. tint: standard deviation of ln e of the interface colour.
 
@@ -37,15 +37,15 @@ class Bench:
 
 
 BENCHES = {
-    "three lamps": Bench((0.05, 1.0), (35.0, 80.0, 130.0)),
-    "one lamp": Bench((0.05, 1.0), (20.0,)),
-    "three lamps, faint gloss": Bench((0.0005, 0.05), (35.0, 80.0, 130.0)),
-    "three lamps, tails and colour": Bench((0.05, 0.5), (35.0, 80.0, 130.0), (0.7, 6.0), 0.3),
+    "three lamps": CoverageBench((0.05, 1.0), (35.0, 80.0, 130.0)),
+    "one lamp": CoverageBench((0.05, 1.0), (20.0,)),
+    "three lamps, faint gloss": CoverageBench((0.0005, 0.05), (35.0, 80.0, 130.0)),
+    "three lamps, tails and colour": CoverageBench((0.05, 0.5), (35.0, 80.0, 130.0), (0.7, 6.0), 0.3),
 }
 
 
 @dataclass(frozen=True, eq=False)
-class Truth:
+class TrueMaterial:
     """Parameters of a material; alpha_body (3,): α c_b; interface_colour (3,): of mean 1."""
 
     alpha_body: Array
@@ -70,7 +70,7 @@ class Truth:
         }
 
 
-def drawn(bench: Bench, random: np.random.Generator) -> Truth:
+def drawn(bench: CoverageBench, random: np.random.Generator) -> TrueMaterial:
     """A material of realistic ranges: body albedo 0.1–0.8 per channel, γ 0.06–0.4 rad, n 1.3–1.7."""
     usual = (
         random.uniform(0.1, 0.8, 3) / np.pi,
@@ -80,16 +80,18 @@ def drawn(bench: Bench, random: np.random.Generator) -> Truth:
     )
     nu = np.inf if bench.tails is None else float(np.exp(random.uniform(*np.log(bench.tails))))
     colour = np.exp(bench.tint * random.standard_normal(3)) if bench.tint else np.ones(3)
-    return Truth(*usual, nu, tuple((colour / colour.mean()).tolist()))
+    return TrueMaterial(*usual, nu, tuple((colour / colour.mean()).tolist()))
 
 
-def observed(bench: Bench, truth: Truth, full_well: float, random: np.random.Generator) -> hg.Observations:
+def observed(
+    bench: CoverageBench, truth: TrueMaterial, full_well: float, random: np.random.Generator
+) -> hg.Observations:
     """Noisy values with shot and read noise; the variance that they state is that of the noisy electrons."""
     sight = ball(bench.azimuths)
     return exposed(sight, reflected(sight.cosines, truth), full_well, random)
 
 
-def reflected(cosines: hg.Cosines, truth: Truth) -> Array:
+def reflected(cosines: hg.Cosines, truth: TrueMaterial) -> Array:
     """Radiance per unit irradiance facing the lamp (N, 3), eq. (2)–(6) in NumPy; 0 where unlit or unseen."""
     lit = (cosines.incidence > 0.0) & (cosines.view > 0.0)
     safe = hg.Cosines(*(np.where(lit, cosine, 1.0) for cosine in cosines))

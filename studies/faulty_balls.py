@@ -31,7 +31,7 @@ BETA, GAMMA = 0.6, 0.2  # of the lobe that the fits have [rad]
 
 
 @dataclass(frozen=True)
-class Condition:
+class BallFaults:
     """What is wrong: standard deviations of the lamps' directions [°] and of their strengths; roughness of a lobe that
     the fits do not have, 0 for one that they have.
     """
@@ -42,10 +42,10 @@ class Condition:
 
 
 CONDITIONS = {
-    "noise": Condition(),
-    "lamps": Condition(direction_deg=1.0, strength=0.03),
-    "lobe": Condition(roughness=0.35),
-    "all": Condition(direction_deg=1.0, strength=0.03, roughness=0.35),
+    "noise": BallFaults(),
+    "lamps": BallFaults(direction_deg=1.0, strength=0.03),
+    "lobe": BallFaults(roughness=0.35),
+    "all": BallFaults(direction_deg=1.0, strength=0.03, roughness=0.35),
 }
 
 
@@ -69,7 +69,7 @@ def lamp_directions(count: int) -> Array:
     return np.stack([np.sin(away) * np.cos(angle), np.sin(away) * np.sin(angle), np.cos(away)], axis=1)
 
 
-def faulty_ball(condition: Condition, lamps: int, seed: int, size: int = 72) -> FaultyBall:
+def faulty_ball(condition: BallFaults, lamps: int, seed: int, size: int = 72) -> FaultyBall:
     """Photographs of a ball under lamps that differ from the stated ones as `condition` says."""
     random = np.random.default_rng([seed, lamps])
     stated = lamp_directions(lamps)
@@ -125,7 +125,7 @@ def _body(normals: Array, on_ball: NDArray[np.bool_], random: np.random.Generato
     return np.where(on_ball[..., None], level[..., None] * np.array(BODY), 0.0)
 
 
-def _shaded(normals: Array, body: Array, to_lamp: Array, condition: Condition) -> Array:
+def _shaded(normals: Array, body: Array, to_lamp: Array, condition: BallFaults) -> Array:
     """(n, n, C) radiance under a lamp of irradiance 1, seen along z."""
     incidence, view = np.maximum(normals @ to_lamp, 0.0), np.maximum(normals[..., 2], 1e-3)
     value = body * incidence[..., None]

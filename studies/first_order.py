@@ -25,7 +25,7 @@ from studies.first_order_page import write_first_order_page
 from studies.table import print_table
 from tests.oracle.blocks import DEPTHS, FACES, HEIGHTS, error_and_ratio_by_lamp, light_over_closed_form
 from tests.oracle.lattice import Array
-from tests.oracle.scenes import Case, cases, error_and_ratio
+from tests.oracle.scenes import OracleCase, cases, error_and_ratio
 
 BEFORE = Path(__file__).with_name("first_order_before.json")
 SHADOWS = ("march", "map")
@@ -69,7 +69,9 @@ def longest_steps() -> dict[str, float]:
     return {str(t): LONGEST_STEP * math.sqrt(t / DEFAULT_TOLERANCE) for t in TOLERANCES}
 
 
-def scene_row(case: Case, true: Array, transmittance: Array, shadows: Shadows, tolerance: float) -> dict[str, Any]:
+def scene_row(
+    case: OracleCase, true: Array, transmittance: Array, shadows: Shadows, tolerance: float
+) -> dict[str, Any]:
     """Error and ratio of the means of one scene where there is matter, and the median time of a frame [s]."""
     settings, seconds = hg.Settings(shadows=shadows, tolerance=tolerance), []
     seen = case.seen(settings)
@@ -106,7 +108,7 @@ def block_rows() -> list[dict[str, Any]]:
     return rows
 
 
-def picture(case: Case, true: Array) -> dict[str, list[float]]:
+def picture(case: OracleCase, true: Array) -> dict[str, list[float]]:
     """A scene at 550 nm as the oracle sees it and as the march with shadow maps does, over the mean: pixels in rows."""
     seen, mean = case.seen(hg.Settings())[:, GREEN], true[:, GREEN].mean()
     return {"true": _rounded(true[:, GREEN] / mean), "seen": _rounded(seen / mean)}

@@ -31,9 +31,9 @@ NEAR, FAR = (5.0, 60.0), (80.0, 110.0)  # ° off the eye, of lamps like those ta
 
 @dataclass(frozen=True)
 class FuzzyRow:
-    """Scores of fuzzy matter. matter: the law that it was recovered by. new, far: see `Row`. box: how much worse its
-    box shows the latter through `render` [dB]. surface: mean distance of true points from the surface, % of the
-    lattice's edge; beta, gamma: error [%]. held, covered: see `Row`; None where errors are not stated.
+    """Scores of fuzzy matter. matter: the law that it was recovered by. new, far: see `RecoveryRow`. box: how much
+    worse its box shows the latter through `render` [dB]. surface: mean distance of true points from the surface, % of
+    the lattice's edge; beta, gamma: error [%]. held, covered: see `RecoveryRow`; None where errors are not stated.
     """
 
     case: str

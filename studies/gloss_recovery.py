@@ -20,7 +20,7 @@ import hagoromo as hg
 from hagoromo.backend import arrays, vectors
 from hagoromo.recovery.choices import GlossChoice
 from studies.fuzzy_recovery import FAR, NEAR, SEED
-from studies.recover_scenes import Simulated, Truth, shots, simulated
+from studies.recover_scenes import Simulated, TrueObject, shots, simulated
 from studies.recovery_scores import TWO_SIDED, box_psnr, places, psnr, shape_errors
 
 Array = NDArray[np.float64]
@@ -29,7 +29,7 @@ Medians: TypeAlias = tuple[float | None, float | None]  # of the glazed and of t
 REGION = 0.1  # share of glaze up to which a place counts as mat, and from 1 as glazed
 
 
-class Glaze(Truth):
+class Glaze(TrueObject):
     """The object of the study of recovery, glazed in parts. share: of glaze at points, 0 … 1."""
 
     def __init__(self, share: Callable[[Any], Any]) -> None:
@@ -81,10 +81,10 @@ GLOSS_CASES = {
 
 @dataclass(frozen=True)
 class GlossRow:
-    """Scores of a case. new, far, normals, surface, seconds: see `Row`. box: how much worse its box shows the former
-    through `render` [dB]. found: what the object was recovered by. beta, gamma: medians of found over true values in
-    the glazed and in the mat region; spread: medians of the absolute logarithm of that, of β and γ in both regions.
-    covered: share [%] of true points whose 95 % intervals of β and of γ hold the truth.
+    """Scores of a case. new, far, normals, surface, seconds: see `RecoveryRow`. box: how much worse its box shows the
+    former through `render` [dB]. found: what the object was recovered by. beta, gamma: medians of found over true
+    values in the glazed and in the mat region; spread: medians of the absolute logarithm of that, of β and γ in both
+    regions. covered: share [%] of true points whose 95 % intervals of β and of γ hold the truth.
     """
 
     case: str

@@ -25,7 +25,7 @@ CLIPPED_SHARE = 99.7  # percentile of the values of a photograph that is its whi
 
 
 @dataclass(frozen=True)
-class Gloss:
+class TrueGloss:
     """Truth of an object: exponent ε of the body, β [1/sr] and γ [°] of both lobes; n is 1.5. sigma: of the facets of
     a rough body [rad], after Oren and Nayar.
     """
@@ -37,11 +37,11 @@ class Gloss:
 
 
 GLOSSY = {
-    "glaze": Gloss(0.10, (0.8, 8.0), (6.0, 1.8)),
-    "lacquer": Gloss(-0.12, (0.4, 12.0), (10.0, 2.5)),
-    "waxed": Gloss(0.05, (0.5, 20.0), (1.5, 5.0)),
+    "glaze": TrueGloss(0.10, (0.8, 8.0), (6.0, 1.8)),
+    "lacquer": TrueGloss(-0.12, (0.4, 12.0), (10.0, 2.5)),
+    "waxed": TrueGloss(0.05, (0.5, 20.0), (1.5, 5.0)),
 }
-ROUGH = {"biscuit": Gloss(0.0, (0.3, 28.0), (0.3, 12.0), 0.5)}  # and matt: of no study of gloss
+ROUGH = {"biscuit": TrueGloss(0.0, (0.3, 28.0), (0.3, 12.0), 0.5)}  # and matt: of no study of gloss
 OBJECTS = *sorted(GLOSSY), *ROUGH
 
 
@@ -121,7 +121,7 @@ def _lamps(random: np.random.Generator, count: int, largest_tilt: float) -> Arra
     return np.stack([sine * np.cos(turn), sine * np.sin(turn), cosine], axis=1)
 
 
-def _reflected(normals: Array, to_lamp: Array, gloss: Gloss, body: Array) -> Array:
+def _reflected(normals: Array, to_lamp: Array, gloss: TrueGloss, body: Array) -> Array:
     """(h, w, 3) radiance per unit irradiance, seen along z."""
     eye = np.array([0.0, 0.0, 1.0])
     half = (to_lamp + eye) / np.linalg.norm(to_lamp + eye)

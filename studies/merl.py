@@ -46,7 +46,7 @@ METHODS = (*OURS, *RIVALS)
 
 
 @dataclass(frozen=True)
-class Row:
+class MerlRow:
     """One material: median relative error over directions and channels of each method, and the statements of our fit.
 
     rejected: whether the test reports lack of fit. p_value: of that test. model_error: relative, stated by the fit.
@@ -95,7 +95,7 @@ def merl_study(
     return record
 
 
-def study(kind: str, name: str, truth: Truth, random: np.random.Generator) -> Row:
+def study(kind: str, name: str, truth: Truth, random: np.random.Generator) -> MerlRow:
     """One material read and fitted by every method."""
     directions = goniometer()
     flat = cosines_of(directions)
@@ -117,10 +117,12 @@ def study(kind: str, name: str, truth: Truth, random: np.random.Generator) -> Ro
     _, _, _, _, nu, colour = unpack_theta(best.theta)
     ordered = {method: error[method] for method in METHODS}
     shape = nu if np.isfinite(nu) else None, tuple(colour.tolist())
-    return Row(kind, name, ordered, rejected, p_value, best.residuals.model_error, *shape)
+    return MerlRow(kind, name, ordered, rejected, p_value, best.residuals.model_error, *shape)
 
 
-def _rows(tasks: list[tuple[Any, ...]], kept: Path, scheduler: str | int | None, progress: hg.Progress) -> list[Row]:
+def _rows(
+    tasks: list[tuple[Any, ...]], kept: Path, scheduler: str | int | None, progress: hg.Progress
+) -> list[MerlRow]:
     """The row of every task, those in the files of the folder `kept` not fitted again; the others are put there."""
     kept.mkdir(exist_ok=True)
     files = [kept / f"{number}.json" for number in range(len(tasks))]
@@ -131,10 +133,10 @@ def _rows(tasks: list[tuple[Any, ...]], kept: Path, scheduler: str | int | None,
                 hg.write_json(file, asdict(row))
             progress((len(tasks) - len(left) + more) / len(tasks), row.material)
     rows: list[dict[str, Any]] = [hg.read_json(file) for file in files]
-    return [Row(**row | {"interface_colour": tuple(row["interface_colour"])}) for row in rows]
+    return [MerlRow(**row | {"interface_colour": tuple(row["interface_colour"])}) for row in rows]
 
 
-def summary(rows: list[Row]) -> dict[str, Any]:
+def summary(rows: list[MerlRow]) -> dict[str, Any]:
     """Median, quartiles and worst over the materials, of each method; the share that our result calls ill fitted.
 
     nearer: share of the materials whose error is below that of GGX + Lambert, and of it with a coloured interface.

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 import hagoromo as hg
 from hagoromo.image.modes import Mode
-from studies.modes_scenes import ORDER, Sources, scene_of, title_of
+from studies.modes_scenes import ORDER, SceneFolders, scene_of, title_of
 from studies.orders import BLOCK, MODES, beside_path, images_of, in_blocks, row
 
 WALKS = 100  # a pixel of mode path
@@ -36,7 +36,7 @@ WHITE_AT = 99.5  # per cent of path's values that are darker than white
 Linear = Mapping[str, NDArray[np.floating]]
 
 
-def rendered(name: str, sources: Sources, out: Path, walks: int, modes: tuple[Mode, ...] = MODES) -> None:
+def rendered(name: str, sources: SceneFolders, out: Path, walks: int, modes: tuple[Mode, ...] = MODES) -> None:
     """Render a scene by its modes, and keep its figures and pictures."""
     scene = scene_of(name, sources)
     with warnings.catch_warnings(record=True) as said:
@@ -57,7 +57,7 @@ def stated(images: Mapping[str, hg.Image]) -> dict[str, Any]:
     return {"stated": error.record()} if error else {}
 
 
-def with_full_anew(name: str, sources: Sources, out: Path) -> None:
+def with_full_anew(name: str, sources: SceneFolders, out: Path) -> None:
     """Render a scene that is there by mode full alone; march and path stay."""
     record = hg.read_json(out / f"{name}.json")
     with np.load(out / f"{name}.npz") as kept:
@@ -159,10 +159,10 @@ def main(
     for name in only or ORDER:
         if full_anew and (out / f"{name}.json").exists():
             print(name, flush=True)
-            with_full_anew(name, Sources(demo, recipes, data), out)
+            with_full_anew(name, SceneFolders(demo, recipes, data), out)
         elif force or not (out / f"{name}.json").exists():
             print(name, flush=True)
-            rendered(name, Sources(demo, recipes, data), out, walks, modes)
+            rendered(name, SceneFolders(demo, recipes, data), out, walks, modes)
     write_page(out)
     print(f"wrote {out}")
 

@@ -22,7 +22,7 @@ ORDER = (  # the lightest first
 )  # fmt: skip
 
 
-class Sources(NamedTuple):
+class SceneFolders(NamedTuple):
     """Folders: of a demo, whose measured materials the figures have; of the recipes; of the data, with the scan."""
 
     demo: Path
@@ -37,7 +37,7 @@ def title_of(name: str) -> str:
     return f"Figure {name.split('_')[1]}. {PAPER_FIGURES[name].caption.split(';')[0].rstrip('.')}"
 
 
-def scene_of(name: str, sources: Sources) -> hg.Scene:
+def scene_of(name: str, sources: SceneFolders) -> hg.Scene:
     """The scene of one of ORDER, its boxes of projected extinction."""
     if name in ITEMS:
         item = ITEMS[name]

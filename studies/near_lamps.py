@@ -18,14 +18,14 @@ import tyro
 import hagoromo as hg
 from hagoromo.app.shared_options import HERE, Scheduler
 from hagoromo.cluster.cluster import mapped
-from studies.near_rig import SURFACE_DISTANCE, Look, Rig, read_rig, ring_rig, simulate, sphere, waves
+from studies.near_rig import SURFACE_DISTANCE, Finish, NearRig, read_rig, ring_rig, simulate, sphere, waves
 
 GAMMAS = (0.05, 0.1, 0.2, 0.35, 0.5)
 SURFACES = {"ball": sphere, "waves and a step": waves}
 GUESS = 1.04  # start of the search, as a multiple of the true distance
 
 
-def study_case(rig: Rig, surface: str, look: Look, bits: int) -> dict[str, Any]:
+def study_case(rig: NearRig, surface: str, look: Finish, bits: int) -> dict[str, Any]:
     """One case: errors of normals [°] and depth [mm], and the median of error² over variance, 1 where it is honest."""
     capture, truth = simulate(rig, SURFACES[surface], look, bits)
     shape = hg.solve_shape(capture, GUESS * SURFACE_DISTANCE)
@@ -47,10 +47,12 @@ def study_case(rig: Rig, surface: str, look: Look, bits: int) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def studied(rig: Rig, scheduler: str | int | None = None, progress: hg.Progress = hg.silent) -> list[dict[str, Any]]:
+def studied(
+    rig: NearRig, scheduler: str | int | None = None, progress: hg.Progress = hg.silent
+) -> list[dict[str, Any]]:
     """Every case. scheduler: see `hg.render`."""
     looks = zip(itertools.product(SURFACES, GAMMAS), itertools.cycle((12, 8, 10)), strict=False)
-    tasks = [(rig, surface, Look(gamma, interreflection=bits == 8), bits) for (surface, gamma), bits in looks]
+    tasks = [(rig, surface, Finish(gamma, interreflection=bits == 8), bits) for (surface, gamma), bits in looks]
     names = [f"{surface}, γ {look.gamma:g}" for _, surface, look, _ in tasks]
     return mapped(study_case, tasks, scheduler, progress, names)
 

@@ -30,7 +30,7 @@ PATCH = 6  # px: side of the patches that light each other
 
 
 @dataclass(frozen=True, eq=False)
-class Rig:
+class NearRig:
     """One camera, and near lamps [m] in its frame."""
 
     camera: hg.Camera
@@ -38,7 +38,7 @@ class Rig:
 
 
 @dataclass(frozen=True)
-class Look:
+class Finish:
     """How a surface looks: α c_b of its two colours, β, γ [rad] and n of its gloss; whether its parts light another."""
 
     gamma: float
@@ -49,7 +49,7 @@ class Look:
 
 
 @dataclass(frozen=True, eq=False)
-class Truth:
+class TrueShape:
     """normals, points (h, w, 3) exact, world, 0 where nothing is; labels (h, w) of the colours, −1 where nothing is."""
 
     normals: Array
@@ -57,7 +57,7 @@ class Truth:
     labels: NDArray[np.intp]
 
 
-def ring_rig(width: int = 120, height: int = 96, count: int = 10) -> Rig:
+def ring_rig(width: int = 120, height: int = 96, count: int = 10) -> NearRig:
     """LEDs on two rings around the lens, aimed at the middle of the scene."""
     focal = 1.6 * width
     camera = _camera(width, height, (focal, focal), (width / 2.0 + 1.5, height / 2.0 - 0.7))
@@ -67,10 +67,10 @@ def ring_rig(width: int = 120, height: int = 96, count: int = 10) -> Rig:
         place = np.array([far * np.cos(angle), far * np.sin(angle), 0.05 + 0.1 * (k % 3)])
         axis = np.array([0.0, 0.0, SURFACE_DISTANCE]) - place
         lamps.append(hg.Lamp(place, intensity=1.0 + 0.2 * (k % 4), name=f"led {k}", axis=axis, axis_power=1.0))
-    return Rig(camera, tuple(lamps))
+    return NearRig(camera, tuple(lamps))
 
 
-def read_rig(folder: str | Path, smaller: float = 20.0) -> Rig:
+def read_rig(folder: str | Path, smaller: float = 20.0) -> NearRig:
     """The calibrated LEDs in `folder` (near_ps_leds: light.mat, camera.mat, mm), its photographs made smaller."""
     from scipy.io import loadmat
 
@@ -84,7 +84,7 @@ def read_rig(folder: str | Path, smaller: float = 20.0) -> Rig:
             zip(light["S"], light["Dir"], light["mu"][:, 0], brightness, strict=True)
         )
     ]
-    return Rig(camera, tuple(lamps))
+    return NearRig(camera, tuple(lamps))
 
 
 def sphere(x: Array, y: Array, radius: float = 0.12) -> Array:
@@ -105,7 +105,7 @@ def waves(x: Array, y: Array) -> Array:
     return SURFACE_DISTANCE + 0.04 * x + swell - np.where(block, 0.03, 0.0)
 
 
-def simulate(rig: Rig, depth: Depth, look: Look, bits: int = 12, seed: int = 0) -> tuple[hg.Capture, Truth]:
+def simulate(rig: NearRig, depth: Depth, look: Finish, bits: int = 12, seed: int = 0) -> tuple[hg.Capture, TrueShape]:
     """The photographs of `depth` under each lamp of the rig, and the truth."""
     truth = exact(rig.camera, depth)
     known = truth.labels >= 0
@@ -134,7 +134,7 @@ def simulate(rig: Rig, depth: Depth, look: Look, bits: int = 12, seed: int = 0) 
     return hg.Capture(tuple(photographs), "simulated"), truth
 
 
-def shaded(truth: Truth, lamp: hg.Lamp, look: Look) -> Array:
+def shaded(truth: TrueShape, lamp: hg.Lamp, look: Finish) -> Array:
     """(P, 3) values of the known points under a lamp that nothing blocks."""
     known = truth.labels >= 0
     points, normals = truth.points[known], truth.normals[known]
@@ -144,7 +144,7 @@ def shaded(truth: Truth, lamp: hg.Lamp, look: Look) -> Array:
     return irradiance.reshape(len(points), -1) * (body[:, None] * colour + interface[:, None])
 
 
-def exact(camera: hg.Camera, depth: Depth) -> Truth:
+def exact(camera: hg.Camera, depth: Depth) -> TrueShape:
     """Points and normals of `depth` at the middle of every pixel; its slopes to 1e-9 by central differences."""
     columns, rows = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
     x = (columns - camera.principal[0]) / camera.focal[0]
@@ -162,7 +162,7 @@ def exact(camera: hg.Camera, depth: Depth) -> Truth:
     checks = (np.floor(columns / 13.0) + np.floor(rows / 11.0)).astype(np.intp) % 2
     points = np.stack([x * z, y * z, z], axis=2)
     zero = known[..., None]
-    return Truth(np.where(zero, normals, 0.0), np.where(zero, points, 0.0), np.where(known, checks, -1))
+    return TrueShape(np.where(zero, normals, 0.0), np.where(zero, points, 0.0), np.where(known, checks, -1))
 
 
 def _camera(width: int, height: int, focal: tuple[float, float], principal: tuple[float, float]) -> hg.Camera:
@@ -170,7 +170,7 @@ def _camera(width: int, height: int, focal: tuple[float, float], principal: tupl
     return camera.look_at((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), up=(0.0, -1.0, 0.0))
 
 
-def _weights(normals: Array, to_lamp: Array, points: Array, look: Look) -> tuple[Array, Array]:
+def _weights(normals: Array, to_lamp: Array, points: Array, look: Finish) -> tuple[Array, Array]:
     """Body and interface weights of eq. (2) at each point, cosθ_i in them."""
     jit: Any = arrays()
     to_eye = -points / np.linalg.norm(points, axis=1, keepdims=True)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 import hagoromo as hg
 from hagoromo.measurement.normals.gloss_estimate import measurement_of
 from studies.leave_one_out import NORMAL_METHODS, OURS, YARDSTICK, KeptAside, keep_aside, score
-from studies.rig import Unevenness, evened, flat_field
+from studies.rig import LampUnevenness, evened, flat_field
 from studies.uw_psm import sphere_normals
 
 Array = NDArray[np.float64]
@@ -63,7 +63,7 @@ class ObjectStudy:
 def study_object(
     folder: str | Path,
     capture: hg.Capture,
-    others: Sequence[Unevenness],
+    others: Sequence[LampUnevenness],
     aside: Sequence[int],
     progress: hg.Progress = hg.silent,
 ) -> ObjectStudy:

@@ -21,7 +21,7 @@ from studies.encoding import encoding_study
 from studies.leave_one_out import NORMAL_METHODS
 from studies.object_study import study_object
 from studies.real_report import write_pictures, write_real_report
-from studies.rig import Unevenness, unevenness
+from studies.rig import LampUnevenness, unevenness
 from studies.table import print_table
 from studies.uw_psm import LAMPS, OBJECTS, read_lamps, read_object
 
@@ -42,7 +42,7 @@ def real_study(
         captures = {name: read_object(folder, name, lamps) for name in OBJECTS}
         progress(0.01, "response")
         response = encoding_study(captures)
-        rigs: dict[str, Unevenness] = {}
+        rigs: dict[str, LampUnevenness] = {}
         for i, (name, capture) in enumerate(captures.items()):
             progress(0.1 + 0.1 * i / len(captures), f"lamps over {name}")
             rigs[name] = unevenness(hg.solve_normals(capture))

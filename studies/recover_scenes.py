@@ -30,7 +30,7 @@ SURFACE, MOST_STEPS = 2e-6, 160  # m from the surface that counts as on it
 OVERSAMPLED = 2  # rays along a side of a pixel
 
 
-class Truth:
+class TrueObject:
     """An object: β [1/sr], γ [rad], n; where it is (`distance`) and its body colour (`colours`), at points [m].
 
     flat: whether it has one colour everywhere. Its gloss conserves energy at every angle.
@@ -122,7 +122,7 @@ def standing(count: int, lamps: int, pixels: int = 160, distance: float = 0.5) -
     return Shots(views, [distance * places[places @ view > 0.05] for view in views], pixels)
 
 
-def simulated(truth: Truth, taken: Shots, seed: int = 0, noise: bool = True) -> Simulated:
+def simulated(truth: TrueObject, taken: Shots, seed: int = 0, noise: bool = True) -> Simulated:
     """Photographs of an object, one for each view and lamp."""
     random, out = np.random.default_rng(seed), Simulated(hg.Capture((_nothing(),)))
     photographs: list[hg.Photograph] = []
@@ -217,7 +217,7 @@ def _nothing() -> hg.Photograph:
     return hg.Photograph(np.zeros((1, 1, 3), np.float32), np.ones((1, 1, 3), np.float32), np.ones((1, 1), bool), camera)
 
 
-def _light(truth: Truth, camera: hg.Camera, lamp: hg.Lamp) -> tuple[Array, Array, Array, Array]:
+def _light(truth: TrueObject, camera: hg.Camera, lamp: hg.Lamp) -> tuple[Array, Array, Array, Array]:
     """Light of each pixel (h, w, 3), the share of it that the object covers, and normals and points of its middle."""
     jit = arrays()
     k, h, w = OVERSAMPLED, camera.height, camera.width
@@ -239,7 +239,7 @@ def _light(truth: Truth, camera: hg.Camera, lamp: hg.Lamp) -> tuple[Array, Array
     return np.stack(means, axis=2), share, np.where(there, normals, np.nan), np.where(there, points, np.nan)
 
 
-def _seen(truth: Truth, origin: Any, direction: Any, lamp: hg.Lamp) -> tuple[list[Any], Any]:
+def _seen(truth: TrueObject, origin: Any, direction: Any, lamp: hg.Lamp) -> tuple[list[Any], Any]:
     """Light along rays, and whether they meet the object."""
     jit = arrays()
     way, hit = _met(truth, origin, direction, 2.0 * DISTANCE)
@@ -256,7 +256,7 @@ def _seen(truth: Truth, origin: Any, direction: Any, lamp: hg.Lamp) -> tuple[lis
 
 
 @dr.syntax
-def _met(truth: Truth, origin: Any, direction: Any, far: Any) -> tuple[Any, Any]:
+def _met(truth: TrueObject, origin: Any, direction: Any, far: Any) -> tuple[Any, Any]:
     """Way to the surface along rays [m], and whether it is nearer than `far`."""
     jit = arrays()
     way = dr.zeros(jit.Float, dr.width(direction))
@@ -270,7 +270,7 @@ def _met(truth: Truth, origin: Any, direction: Any, far: Any) -> tuple[Any, Any]
     return way, hit
 
 
-def _normal(truth: Truth, point: Any) -> Any:
+def _normal(truth: TrueObject, point: Any) -> Any:
     jit, step, parts = arrays(), 2e-5, []
     for k in range(3):
         shift = jit.Array3f(*(step * float(j == k) for j in range(3)))

@@ -29,7 +29,7 @@ from studies.real_captures import REAL
 from studies.recover_scenes import (
     Shots,
     Simulated,
-    Truth,
+    TrueObject,
     aligned,
     around,
     misplaced,
@@ -46,7 +46,7 @@ SCAN = "meshes_volumes/lucy.ply"  # a scanned mesh, in the folder of data
 
 
 @dataclass(frozen=True)
-class Case:
+class RecoveryCase:
     """A capture, and what is predicted from it. side: nodes. refine: what is estimated beside the object."""
 
     words: str
@@ -56,7 +56,7 @@ class Case:
 
 
 @dataclass(frozen=True)
-class Row:
+class RecoveryRow:
     """Scores of a case. new, far: PSNR of new views under lamps like those taken, and under lamps from the side [dB].
     normals: mean and median error [°]. surface: mean distance of true points from the surface, % of the lattice's edge.
     beta, gamma: error [%]. held: whether both are in their 95 % intervals. covered: share [%] of the true points, of
@@ -91,7 +91,7 @@ def flash(count: int) -> Shots:
 
 def taken(given: Shots) -> Simulated:
     """Photographs of the object, with noise."""
-    return simulated(Truth(), given, SEED)
+    return simulated(TrueObject(), given, SEED)
 
 
 def dome() -> Simulated:
@@ -115,28 +115,30 @@ def lamps_elsewhere() -> Simulated:
 
 
 CASES = {
-    "near": Case("36 views, a near lamp each, 5 to 60° off the eye", lambda: taken(shots(36, 5, 60, SEED))),
-    "near48": Case("the same, 48 nodes", lambda: taken(shots(36, 5, 60, SEED)), 48),
-    "near128": Case("the same, 128 nodes", lambda: taken(shots(36, 5, 60, SEED)), 128),
-    "six": Case("6 views × 6 lamps", lambda: taken(shots(6, 5, 60, SEED, lamps=6))),
-    "twelve": Case("12 views only", lambda: taken(shots(12, 5, 60, SEED))),
-    "flash": Case("36 views, a flash on the camera", lambda: taken(flash(36))),
-    "dome": Case("12 views × 16 lamps", dome),
-    "wrong": Case("the same, poses half a pixel and strengths 3 % wrong", wrong_dome),
-    "refined": Case("the same, cameras and lamps refined", wrong_dome, refine="cameras,lamps"),
-    "standing": Case("12 views, 8 near lamps that stand still", lamps_around),
-    "elsewhere": Case("the same, each lamp 2 % of its distance elsewhere", lamps_elsewhere),
-    "places": Case("the same, places refined", lamps_elsewhere, refine="places"),
+    "near": RecoveryCase("36 views, a near lamp each, 5 to 60° off the eye", lambda: taken(shots(36, 5, 60, SEED))),
+    "near48": RecoveryCase("the same, 48 nodes", lambda: taken(shots(36, 5, 60, SEED)), 48),
+    "near128": RecoveryCase("the same, 128 nodes", lambda: taken(shots(36, 5, 60, SEED)), 128),
+    "six": RecoveryCase("6 views × 6 lamps", lambda: taken(shots(6, 5, 60, SEED, lamps=6))),
+    "twelve": RecoveryCase("12 views only", lambda: taken(shots(12, 5, 60, SEED))),
+    "flash": RecoveryCase("36 views, a flash on the camera", lambda: taken(flash(36))),
+    "dome": RecoveryCase("12 views × 16 lamps", dome),
+    "wrong": RecoveryCase("the same, poses half a pixel and strengths 3 % wrong", wrong_dome),
+    "refined": RecoveryCase("the same, cameras and lamps refined", wrong_dome, refine="cameras,lamps"),
+    "standing": RecoveryCase("12 views, 8 near lamps that stand still", lamps_around),
+    "elsewhere": RecoveryCase("the same, each lamp 2 % of its distance elsewhere", lamps_elsewhere),
+    "places": RecoveryCase("the same, places refined", lamps_elsewhere, refine="places"),
 }
 
 
 @functools.cache
-def kept_aside(truth: Truth) -> tuple[Simulated, Simulated]:
+def kept_aside(truth: TrueObject) -> tuple[Simulated, Simulated]:
     """Exact photographs of new views, under new lamps like those taken, and under lamps from the side."""
     return simulated(truth, shots(8, *NEAR, 2), noise=False), simulated(truth, shots(8, *FAR, 3), noise=False)
 
 
-def measured(case: str, given: Case, aside: tuple[Simulated, Simulated], truth: Truth, **settings: Any) -> Row:
+def measured(
+    case: str, given: RecoveryCase, aside: tuple[Simulated, Simulated], truth: TrueObject, **settings: Any
+) -> RecoveryRow:
     """Recover a case and compare it with what is kept aside."""
     photographed = given.taken()
     capture = photographed.capture
@@ -152,7 +154,7 @@ def measured(case: str, given: Case, aside: tuple[Simulated, Simulated], truth: 
     colours = np.stack([np.array(each) for each in truth.colours(vectors(shown.points))], 1)
     edge = max(found.lattice.shape) * found.lattice.voxel
     scores, normals = [psnr(found, each) for each in aside], (float(angles.mean()), float(np.median(angles)))
-    return Row(
+    return RecoveryRow(
         case, given.side, scores[0], scores[1], normals,
         100.0 * float(distances.mean()) / edge, 100.0 * (found.beta / truth.beta - 1.0),
         100.0 * (found.gamma / truth.gamma - 1.0), gloss_held(found, truth.beta, truth.gamma),
@@ -180,7 +182,7 @@ def real(name: str, data: Path, side: int, refine: Any, keep: int = 8) -> dict[s
 
 @dataclass(frozen=True)
 class ScanRow:
-    """Scores of a scanned mesh, see `Row`: PSNR over all pixels."""
+    """Scores of a scanned mesh, see `RecoveryRow`: PSNR over all pixels."""
 
     case: str
     side: int
@@ -214,7 +216,7 @@ def main() -> None:
     parser.add_argument("--scan", type=int, default=64, help="nodes for the scanned mesh; 0: none")
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
-    truth = Truth()
+    truth = TrueObject()
     rows: list[dict[str, Any]] = []
     for name in given.only:
         if name in FUZZY_CASES:

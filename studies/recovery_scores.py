@@ -44,7 +44,7 @@ def psnr(found: hg.Recovered, aside: Simulated) -> float:
     return float(10.0 * np.log10(peak**2 / np.mean(errors)))
 
 
-class Shown(NamedTuple):
+class SurfaceErrors(NamedTuple):
     """True points of the surface (n, 3) [m], how far the one that was found is from them (n,) [m], and angles of its
     normals (n,) [°].
     """
@@ -54,7 +54,7 @@ class Shown(NamedTuple):
     angles: Array
 
 
-def shape_errors(found: hg.Recovered, aside: Simulated) -> Shown:
+def shape_errors(found: hg.Recovered, aside: Simulated) -> SurfaceErrors:
     """The errors of the surface at the true points of all pictures."""
     there = [np.isfinite(normals[..., 0]) for normals in aside.normals]
     normals, points = (
@@ -64,14 +64,14 @@ def shape_errors(found: hg.Recovered, aside: Simulated) -> Shown:
     return surface_errors(found, points, normals)
 
 
-def surface_errors(found: hg.Recovered, points: Array, normals: Array) -> Shown:
+def surface_errors(found: hg.Recovered, points: Array, normals: Array) -> SurfaceErrors:
     """The errors of the surface, of fuzzy matter that which stands for it, at true points with true normals."""
     field, at = DistanceField(found.distance, found.colours), places(found, points)
     slope = np.array(field.axis_at(at), np.float64).T
     slope /= np.maximum(np.linalg.norm(slope, axis=1, keepdims=True), 1e-12)
     angles = np.degrees(np.arccos(np.clip(np.einsum("ni,ni->n", slope, normals), -1.0, 1.0)))
     distances = np.abs(np.array(field.value_at(at), np.float64)) * found.lattice.voxel
-    return Shown(points, distances, angles)
+    return SurfaceErrors(points, distances, angles)
 
 
 def places(found: hg.Recovered, points: Array) -> Any:
@@ -79,7 +79,7 @@ def places(found: hg.Recovered, points: Array) -> Any:
     return vectors(found.lattice.from_world(points))
 
 
-def covered(found: hg.Recovered, shown: Shown, colours: Array) -> tuple[float, float, float] | None:
+def covered(found: hg.Recovered, shown: SurfaceErrors, colours: Array) -> tuple[float, float, float] | None:
     """Share [%] of points of which 95 % intervals of position, normal and body colour hold the truth.
 
     colours: (n, 3) true ones. The angle of a normal has two components: 95 % are within √(−ln 0.05) times its root of

@@ -21,7 +21,7 @@ import hagoromo as hg
 from hagoromo.cluster import connection
 from hagoromo.cluster.cluster import workers_of
 from studies.cluster_bench import cpu_seconds
-from studies.recover_scenes import Truth, shots, simulated
+from studies.recover_scenes import TrueObject, shots, simulated
 
 
 def sent() -> float:
@@ -61,7 +61,7 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=60, help="of each level")
     parser.add_argument("--workers", type=int, nargs="*", default=[0, 1, 2])
     given = parser.parse_args()
-    capture = simulated(Truth(), shots(36, 5, 60, 1), 1).capture
+    capture = simulated(TrueObject(), shots(36, 5, 60, 1), 1).capture
     settings = hg.RecoverySettings(side=given.side, steps=given.steps, keep=0, errors=False)
     rows, first = [], None
     for count in given.workers:

@@ -40,28 +40,28 @@ CLIPPED_SHARE = 0.1  # of the readings of a channel, the brightest
 REPEATED = (7, 31, 55, 79)  # pairs that hold the readings of those before them
 
 
-class Layout(NamedTuple):
+class KnownSpectra(NamedTuple):
     """Known spectra: matrix (pairs, wavelengths) of the readings, and the lamp of each pair (pairs,)."""
 
     matrix: Array
     lamps: NDArray[np.intp]
 
 
-Spoil = Callable[[Array, Layout, np.random.Generator], Array]  # readings (3, pairs) → those with a fault
+Spoil = Callable[[Array, KnownSpectra, np.random.Generator], Array]  # readings (3, pairs) → those with a fault
 
 
-class Case(NamedTuple):
+class FaultyReadings(NamedTuple):
     """Readings with a fault, and what the fit knows: which lamp lit them, that the light may fall off."""
 
     name: str
-    layout: Layout
+    layout: KnownSpectra
     spoil: Spoil
     lamps_known: bool = False
     falloff_fitted: bool = False
     noise: float = READING_NOISE
 
 
-def fault_cases() -> dict[str, list[Case]]:
+def fault_cases() -> dict[str, list[FaultyReadings]]:
     """What was read → the cases of it."""
     lights, chart, many = single_lights(), chart_layout(LAMPS), many_pairs(CURVE_WAVELENGTHS)
     shared = f"errors of {100 * SHARED_ERROR:g} % shared by the readings of a lamp"
@@ -69,73 +69,77 @@ def fault_cases() -> dict[str, list[Case]]:
     bent, black = f"light to the power {POWER:g}", f"a black of {100 * BLACK:g} % of the mean reading"
     return {
         f"{len(lights.lamps)} lights, each of mean 1": [
-            Case("no fault", lights, unspoilt), Case(bent, lights, follow_power), Case(black, lights, leave_black),
+            FaultyReadings("no fault", lights, unspoilt),
+            FaultyReadings(bent, lights, follow_power),
+            FaultyReadings(black, lights, leave_black),
         ],
         f"Chart under {', '.join(LAMPS[:-1])} and {LAMPS[-1]}": [
-            Case("no fault", chart, unspoilt),
-            Case(f"{shared}, lamps not known", chart, share_errors),
-            Case(f"{shared}, lamps known", chart, share_errors, lamps_known=True),
-            Case(f"{noisy}, lamps not known", chart, unspoilt, noise=LARGE_NOISE),
-            Case(f"{noisy}, lamps known", chart, unspoilt, lamps_known=True, noise=LARGE_NOISE),
-            Case(bent, chart, follow_power),
-            Case(black, chart, leave_black),
-            Case("light falls off over each chart, not fitted", chart, fall_off),
-            Case("light falls off over each chart, fitted", chart, fall_off, lamps_known=True, falloff_fitted=True),
-            Case(f"the brightest {100 * CLIPPED_SHARE:g} % are clipped", chart, clip),
-            Case(f"{len(REPEATED)} pairs repeat the one before", chart, repeat),
+            FaultyReadings("no fault", chart, unspoilt),
+            FaultyReadings(f"{shared}, lamps not known", chart, share_errors),
+            FaultyReadings(f"{shared}, lamps known", chart, share_errors, lamps_known=True),
+            FaultyReadings(f"{noisy}, lamps not known", chart, unspoilt, noise=LARGE_NOISE),
+            FaultyReadings(f"{noisy}, lamps known", chart, unspoilt, lamps_known=True, noise=LARGE_NOISE),
+            FaultyReadings(bent, chart, follow_power),
+            FaultyReadings(black, chart, leave_black),
+            FaultyReadings("light falls off over each chart, not fitted", chart, fall_off),
+            FaultyReadings(
+                "light falls off over each chart, fitted", chart, fall_off, lamps_known=True, falloff_fitted=True
+            ),
+            FaultyReadings(f"the brightest {100 * CLIPPED_SHARE:g} % are clipped", chart, clip),
+            FaultyReadings(f"{len(REPEATED)} pairs repeat the one before", chart, repeat),
         ],
         f"{MANY_PAIRS} pairs, a chart under {MANY_LAMPS} lamps": [
-            Case("no fault", many, unspoilt),
-            Case(f"{shared}, lamps not known", many, share_errors),
-            Case(f"{shared}, lamps known", many, share_errors, lamps_known=True),
+            FaultyReadings("no fault", many, unspoilt),
+            FaultyReadings(f"{shared}, lamps not known", many, share_errors),
+            FaultyReadings(f"{shared}, lamps known", many, share_errors, lamps_known=True),
         ],
     }  # fmt: skip
 
 
-def single_lights() -> Layout:
+def single_lights() -> KnownSpectra:
     """115 lights, each by itself."""
     matrix = known_lights() @ overlap_matrix(CURVE_WAVELENGTHS)
-    return Layout(matrix, np.arange(len(matrix)))
+    return KnownSpectra(matrix, np.arange(len(matrix)))
 
 
-def chart_layout(lamps: tuple[str, ...]) -> Layout:
+def chart_layout(lamps: tuple[str, ...]) -> KnownSpectra:
     """A ColorChecker under `lamps`, each of mean 1."""
-    return Layout(chart_under(lamps), np.repeat(np.arange(len(lamps)), 24))
+    return KnownSpectra(chart_under(lamps), np.repeat(np.arange(len(lamps)), 24))
 
 
-def many_pairs(wavelengths: Array) -> Layout:
+def many_pairs(wavelengths: Array) -> KnownSpectra:
     """A ColorChecker under 25 of the lights, tabulated at `wavelengths`; under the last one, without two patches."""
     lights = known_lights()
     lights = lights[:: len(lights) // MANY_LAMPS][:MANY_LAMPS]
     patches = np.array([patch.at(wavelengths) for patch in hg.chart_spectra()])
     spectra = np.concatenate([patches * np.interp(wavelengths, CURVE_WAVELENGTHS, light) for light in lights])
     lamps = np.repeat(np.arange(len(lights)), len(patches))
-    return Layout((spectra @ overlap_matrix(wavelengths))[:MANY_PAIRS], lamps[:MANY_PAIRS])
+    return KnownSpectra((spectra @ overlap_matrix(wavelengths))[:MANY_PAIRS], lamps[:MANY_PAIRS])
 
 
-def unspoilt(readings: Array, layout: Layout, random: np.random.Generator) -> Array:
+def unspoilt(readings: Array, layout: KnownSpectra, random: np.random.Generator) -> Array:
     """As they are."""
     return readings
 
 
-def share_errors(readings: Array, layout: Layout, random: np.random.Generator) -> Array:
+def share_errors(readings: Array, layout: KnownSpectra, random: np.random.Generator) -> Array:
     """A wrong factor of each lamp in each channel."""
     factor = 1.0 + SHARED_ERROR * random.standard_normal((len(readings), int(layout.lamps.max()) + 1))
     return readings * factor[:, layout.lamps]
 
 
-def follow_power(readings: Array, layout: Layout, random: np.random.Generator) -> Array:
+def follow_power(readings: Array, layout: KnownSpectra, random: np.random.Generator) -> Array:
     """A transfer that is not linear, around the mean reading."""
     mean = readings.mean(axis=1, keepdims=True)
     return mean * (readings / mean) ** POWER
 
 
-def leave_black(readings: Array, layout: Layout, random: np.random.Generator) -> Array:
+def leave_black(readings: Array, layout: KnownSpectra, random: np.random.Generator) -> Array:
     """A black level that was not subtracted."""
     return readings + BLACK * readings.mean(axis=1, keepdims=True)
 
 
-def fall_off(readings: Array, layout: Layout, random: np.random.Generator) -> Array:
+def fall_off(readings: Array, layout: KnownSpectra, random: np.random.Generator) -> Array:
     """A lamp that faces each chart from above one of its corners: I ∝ (1 + s²/d²)^(−3/2), s from the corner."""
     row, column = np.divmod(np.arange(24), 6)
     x, y = (column - 2.5) / 2.5, (row - 1.5) / 2.5
@@ -144,19 +148,19 @@ def fall_off(readings: Array, layout: Layout, random: np.random.Generator) -> Ar
     return readings * ((1.0 + square / LAMP_DISTANCE**2) ** -1.5).ravel()
 
 
-def clip(readings: Array, layout: Layout, random: np.random.Generator) -> Array:
+def clip(readings: Array, layout: KnownSpectra, random: np.random.Generator) -> Array:
     """The brightest readings of each channel, cut to one value."""
     return np.minimum(readings, np.quantile(readings, 1.0 - CLIPPED_SHARE, axis=1, keepdims=True))
 
 
-def repeat(readings: Array, layout: Layout, random: np.random.Generator) -> Array:
+def repeat(readings: Array, layout: KnownSpectra, random: np.random.Generator) -> Array:
     """Some pairs hold the readings of those before them."""
     spoilt = readings.copy()
     spoilt[:, list(REPEATED)] = readings[:, np.array(REPEATED) - 1]
     return spoilt
 
 
-def fault_score(case: Case, cameras: Mapping[str, hg.Response], seed: int = 0) -> dict[str, Any]:
+def fault_score(case: FaultyReadings, cameras: Mapping[str, hg.Response], seed: int = 0) -> dict[str, Any]:
     """How well the curves of `cameras` are known from the readings of a case.
 
     correlation: channel → median and 10th percentile. coverage, and coverage_above_5_percent, of the curve's peak: of
@@ -185,7 +189,7 @@ def fault_score(case: Case, cameras: Mapping[str, hg.Response], seed: int = 0) -
     }
 
 
-def calibrated(case: Case, readings: Array, camera: hg.Response) -> hg.ResponseCalibration:
+def calibrated(case: FaultyReadings, readings: Array, camera: hg.Response) -> hg.ResponseCalibration:
     """The calibration from readings (3, pairs), `camera` left out of the mean of published cameras."""
     matrix, lamps = case.layout
     given: dict[str, Array] = dict(zip(("R", "G", "B"), readings, strict=True))

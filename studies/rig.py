@@ -19,7 +19,7 @@ LEAST_EVENNESS = 0.3  # least evenness, which limits the extrapolation of a line
 
 
 @dataclass(frozen=True, eq=False)
-class Unevenness:
+class LampUnevenness:
     """Lamps as measured on one object: ln strength (K,), fall-off (K, 2) [1/px] by column and row from `middle` (2,).
 
     What all lamps have in common is left out: the body colours hide it. shift: (K, 3) of far lamps'
@@ -39,23 +39,23 @@ class Unevenness:
         return self.strength[:, None, None] + np.log(np.maximum(falloff, LEAST_EVENNESS))
 
 
-def unevenness(solved: hg.NormalMap) -> Unevenness:
+def unevenness(solved: hg.NormalMap) -> LampUnevenness:
     """What the lamps' unevenness was over the object of `found`."""
     fit, pixels = solved.fit, solved.views
     radius = np.sqrt(len(pixels.rows) / np.pi)
     middle = np.array([pixels.columns.mean(), pixels.rows.mean()])
     slope = (fit.slope - fit.slope.mean(axis=0)) / radius
-    return Unevenness(fit.strength - fit.strength.mean(), slope, middle, fit.shift)
+    return LampUnevenness(fit.strength - fit.strength.mean(), slope, middle, fit.shift)
 
 
-def flat_field(rigs: Sequence[Unevenness], shape: tuple[int, int]) -> Array:
+def flat_field(rigs: Sequence[LampUnevenness], shape: tuple[int, int]) -> Array:
     """(K, h, w) relative irradiance of the lamps, the geometric mean of what several objects give."""
     if not rigs or len({len(one.strength) for one in rigs}) != 1:
         raise hg.InputError("a flat field needs objects that were photographed under the same lamps: give one or more")
     return np.exp(np.mean([one.at(shape) for one in rigs], axis=0))
 
 
-def evened(capture: hg.Capture, rigs: Sequence[Unevenness], field: Array) -> hg.Capture:
+def evened(capture: hg.Capture, rigs: Sequence[LampUnevenness], field: Array) -> hg.Capture:
     """`capture` as even lamps would show it: photograph k over `field` (K, h, w), lamps by the objects.
 
     Near lamps stay where they are.

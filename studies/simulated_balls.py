@@ -15,7 +15,7 @@ from itertools import count
 import numpy as np
 from numpy.typing import NDArray
 
-from studies.ball_conditions import Condition
+from studies.ball_conditions import BallCondition
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -54,7 +54,7 @@ class _Rays:
     fine: int
 
 
-def ball_set(condition: Condition, diameter: int, lamps: int, random: np.random.Generator) -> BallSet:
+def ball_set(condition: BallCondition, diameter: int, lamps: int, random: np.random.Generator) -> BallSet:
     """Photographs of one ball of `diameter` [px] under `lamps` far lamps, linear or in sRGB by chance."""
     rays = _rays(diameter, random)
     directions = np.array([_lamp(random) for _ in range(lamps)])
@@ -105,11 +105,11 @@ def _disc(angle: Array, width: float, soft: float) -> Array:
     return 1.0 / (1.0 + np.exp(np.clip((angle - width) / soft, -30.0, 30.0)))
 
 
-def _fresnel(rays: _Rays, condition: Condition) -> Array:
+def _fresnel(rays: _Rays, condition: BallCondition) -> Array:
     return condition.fresnel + (1.0 - condition.fresnel) * (1.0 - rays.normal[..., 2]) ** 5  # Schlick
 
 
-def _still(rays: _Rays, condition: Condition, lamps: Array, random: np.random.Generator) -> tuple[Array, Array]:
+def _still(rays: _Rays, condition: BallCondition, lamps: Array, random: np.random.Generator) -> tuple[Array, Array]:
     """What does not change with the lamp: mirrored patches, camera, second highlights, the stand; the wall behind."""
     room = np.full(rays.on.shape, random.uniform(0.005, 0.05))
     for _ in range(random.integers(0, 5)):
@@ -129,7 +129,7 @@ def _still(rays: _Rays, condition: Condition, lamps: Array, random: np.random.Ge
     return room, np.broadcast_to(wall, room.shape)
 
 
-def _lit_room(rays: _Rays, condition: Condition, random: np.random.Generator) -> Array:
+def _lit_room(rays: _Rays, condition: BallCondition, random: np.random.Generator) -> Array:
     """The table below the ball and some things around it, in the light of this lamp."""
     level, horizon = random.uniform(*condition.room), random.uniform(-0.6, -0.1)
     room = level * _disc(rays.mirrored[..., 1] - horizon, 0.0, 0.02)
@@ -146,7 +146,7 @@ def _diffuse(rays: _Rays, lamp: Array, body: float) -> Array:
 
 
 def _lamp_image(
-    rays: _Rays, condition: Condition, lamp: Array, gloss: float, lens: Spectrum, random: np.random.Generator
+    rays: _Rays, condition: BallCondition, lamp: Array, gloss: float, lens: Spectrum, random: np.random.Generator
 ) -> Array:
     """The lamp's mirror image, whose peak in the photograph is drawn from `over`."""
     half = np.radians(random.uniform(*condition.lamp_deg))
@@ -159,7 +159,7 @@ def _lamp_image(
     return image * 10.0 ** random.uniform(*condition.over) / max(_blurred(image, lens).max(), 1e-12)
 
 
-def _scratches(condition: Condition, random: np.random.Generator) -> list[tuple[Array, float, Array, float, float]]:
+def _scratches(condition: BallCondition, random: np.random.Generator) -> list[tuple[Array, float, Array, float, float]]:
     """Arcs of circles: plane, its offset, the middle of the arc, least cosine to it, and light."""
     found = []
     low, high = np.log(condition.scratch_light)
@@ -172,7 +172,7 @@ def _scratches(condition: Condition, random: np.random.Generator) -> list[tuple[
     return found
 
 
-def _dust(condition: Condition, random: np.random.Generator) -> list[tuple[Array, float, float]]:
+def _dust(condition: BallCondition, random: np.random.Generator) -> list[tuple[Array, float, float]]:
     """Specks: place, radius [px], light; one of negative light hides so much of what the ball mirrors."""
     many = random.integers(condition.dust[0], condition.dust[1] + 1)
     return [
@@ -203,7 +203,7 @@ def _on_surface(light: Array, rays: _Rays, lamp: Array, scratches: list, dust: l
     return light
 
 
-def _lens(rays: _Rays, condition: Condition, random: np.random.Generator) -> Spectrum:
+def _lens(rays: _Rays, condition: BallCondition, random: np.random.Generator) -> Spectrum:
     """Spectrum of the point spread: core, defocus, wings, and spikes to two sides each."""
     height, width = rays.on.shape
     y, x = (np.fft.fftfreq(n, 1.0 / n)[:, None] / rays.fine for n in (height, width))
@@ -227,7 +227,7 @@ def _blurred(light: Array, lens: Spectrum) -> Array:
     return np.fft.irfft2(np.fft.rfft2(light) * lens, light.shape)
 
 
-def _streaks(rays: _Rays, condition: Condition, lamp: Array, random: np.random.Generator) -> Array:
+def _streaks(rays: _Rays, condition: BallCondition, lamp: Array, random: np.random.Generator) -> Array:
     """Streaks from the lamp's image to one side each, on the ball only."""
     light = np.zeros(rays.on.shape)
     half = (lamp + FRONT) / np.linalg.norm(lamp + FRONT)

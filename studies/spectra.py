@@ -14,11 +14,11 @@ import tyro
 from tyro.conf import Positional
 
 import hagoromo as hg
-from studies.spectra_bench import CAMERAS, SOURCES, SPECTRA_NOISE, TARGETS, Bench, read_bench
-from studies.spectra_cases import Case, chart_case, skin_cases, study_case, surfaces_case
+from studies.spectra_bench import CAMERAS, SOURCES, SPECTRA_NOISE, TARGETS, SpectraBench, read_bench
+from studies.spectra_cases import SpectraCase, chart_case, skin_cases, study_case, surfaces_case
 from studies.spectra_report import write_spectra_report
 from studies.spectra_rivals import study_recoveries, study_rivals
-from studies.spectra_row import Row, percentiles
+from studies.spectra_row import SpectraRow, percentiles
 from studies.table import print_table
 
 SKIN_FILE = Path("nist_skin") / "nist_skin_70_subjects_250_1000nm.csv"
@@ -32,7 +32,7 @@ def spectra_study(
     with hg.whole_folder(out, force) as home:
         progress(0.0, "cameras")
         bench = read_bench(Path(folder) / CAMERAS)
-        few = Bench(dict(list(bench.cameras.items())[::SLOW]), bench.colours)
+        few = SpectraBench(dict(list(bench.cameras.items())[::SLOW]), bench.colours)
         skin = hg.read_spectra(Path(folder) / SKIN_FILE)
         chart, skins = chart_case(skin), skin_cases(skin)
         rows = []
@@ -47,9 +47,9 @@ def spectra_study(
         rows.append(ours(kept_out, few, "D65"))
         for case, cameras in ((chart, bench), (skins[0], bench), (kept_out, few)):
             progress(0.5, f"{case.name}, other methods")
-            rows += [Row(case.name, "D65", name, of, {}) for name, of in study_rivals(case, cameras).items()]
+            rows += [SpectraRow(case.name, "D65", name, of, {}) for name, of in study_rivals(case, cameras).items()]
         progress(0.55, "recoveries")
-        rows += [Row("chart", "D65", name, of, {}) for name, of in study_recoveries(chart, few).items()]
+        rows += [SpectraRow("chart", "D65", name, of, {}) for name, of in study_recoveries(chart, few).items()]
         record: dict[str, Any] = {
             "hagoromo": hg.__version__,
             "noise": SPECTRA_NOISE,
@@ -62,12 +62,12 @@ def spectra_study(
     return record
 
 
-def ours(case: Case, bench: Bench, sources: str) -> Row:
+def ours(case: SpectraCase, bench: SpectraBench, sources: str) -> SpectraRow:
     """Our own estimate of a case: ΔE00, coverage of the 95 % regions, the reading of every other camera."""
     scores = study_case(case, bench, sources)
     other = {lamp: percentiles(100.0 * errors) for lamp, errors in scores["camera_b"].items()}
     more = {"camera_b_percent": other} | {key: scores[key] for key in ("coverage", "camera_b_coverage", "probability")}
-    return Row(case.name, sources, "hagoromo", scores["delta_e"], more)
+    return SpectraRow(case.name, sources, "hagoromo", scores["delta_e"], more)
 
 
 def main(folder: Positional[Path], out: Path, force: bool = False) -> None:

@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Bench:
+class SpectraBench:
     """What cameras read relative to white, camera → lamp → (3, wavelengths), and the CIE colours of the targets.
 
     colours: lamp → (3, wavelengths), XYZ with Y = 1 for a perfect white diffuser.
@@ -41,7 +41,7 @@ class Bench:
         return np.concatenate([self.cameras[camera][lamp] for lamp in SOURCES[sources]])
 
 
-def read_bench(path: str | Path, every: int = 1) -> Bench:
+def read_bench(path: str | Path, every: int = 1) -> SpectraBench:
     """The bench with every n-th camera of camspec's CSV."""
     names = list(read_cameras(path).items())[::every]
     lamps = {lamp: _lamp(lamp) for lamp in dict.fromkeys((*TARGETS, YELLOW, CYAN))}
@@ -54,7 +54,7 @@ def read_bench(path: str | Path, every: int = 1) -> Bench:
     for lamp in TARGETS:
         reads = hg.camera_white(lamps[lamp], observer)
         colours[lamp] = hg.reading_matrix(lamps[lamp], observer) * (reads / reads[1])[:, None]
-    return Bench(cameras, colours)
+    return SpectraBench(cameras, colours)
 
 
 def read_cameras(path: str | Path) -> dict[str, hg.Response]:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 import hagoromo as hg
 from hagoromo.reflectance.spectra.prior_spectra import apart, surfaces
 from hagoromo.reflectance.spectra.reflectance_prior import UNLIKE_SURFACES
-from studies.spectra_bench import SPECTRA_NOISE, TARGETS, Array, Bench, chart, delta_e, noisy
+from studies.spectra_bench import SPECTRA_NOISE, TARGETS, Array, SpectraBench, chart, delta_e, noisy
 
 FOLDS = 10
 REGION = 7.815  # χ² of three degrees of freedom at 95 %
@@ -24,7 +24,7 @@ CHART_NAMES = ("BabelColor Average", "ISO 17321-1")
 
 
 @dataclass(frozen=True, eq=False)
-class Case:
+class SpectraCase:
     """Surfaces (m, wavelengths), and per surface the priors and the training spectra, none of which is tested."""
 
     name: str
@@ -33,7 +33,7 @@ class Case:
     training: Sequence[Array]
 
 
-def chart_case(skin: Array | None) -> Case:
+def chart_case(skin: Array | None) -> SpectraCase:
     """The chart's 24 patches; skin is among the priors where it is given."""
     training = others_than_charts()
     priors = [
@@ -43,7 +43,7 @@ def chart_case(skin: Array | None) -> Case:
     if skin is not None:
         priors.append(hg.ReflectancePrior.from_spectra("skin", skin))
     tested = chart()
-    return Case("chart", tested, [priors] * len(tested), [training] * len(tested))
+    return SpectraCase("chart", tested, [priors] * len(tested), [training] * len(tested))
 
 
 def others_than_charts() -> Array:
@@ -51,7 +51,7 @@ def others_than_charts() -> Array:
     return apart(surfaces(), np.concatenate([chart(name) for name in CHART_NAMES]))
 
 
-def skin_cases(skin: Array) -> tuple[Case, Case]:
+def skin_cases(skin: Array) -> tuple[SpectraCase, SpectraCase]:
     """People's skin, each person kept out of the prior: with the prior of skin alone, and with the class unknown."""
     turns = _turns(len(skin))
     others = [skin[turns != turn] for turn in range(FOLDS)]
@@ -59,24 +59,24 @@ def skin_cases(skin: Array) -> tuple[Case, Case]:
     general = [hg.ReflectancePrior.load("surfaces"), hg.ReflectancePrior.load("smooth")]
     training = [others[turn] for turn in turns]
     return (
-        Case("skin", skin, [[own[turn]] for turn in turns], training),
-        Case("skin, class unknown", skin, [[*general, own[turn]] for turn in turns], training),
+        SpectraCase("skin", skin, [[own[turn]] for turn in turns], training),
+        SpectraCase("skin, class unknown", skin, [[*general, own[turn]] for turn in turns], training),
     )
 
 
-def surfaces_case() -> Case:
+def surfaces_case() -> SpectraCase:
     """The surfaces themselves, each kept out of the prior."""
     surfaces = others_than_charts()
     turns = _turns(len(surfaces))
     others = [surfaces[turns != turn] for turn in range(FOLDS)]
     own = [hg.ReflectancePrior.from_spectra("surfaces", of, UNLIKE_SURFACES) for of in others]
     smooth = hg.ReflectancePrior.load("smooth")
-    return Case(
+    return SpectraCase(
         "surfaces kept out", surfaces, [[own[turn], smooth] for turn in turns], [others[turn] for turn in turns]
     )
 
 
-def estimate(case: Case, matrix: Array, random: np.random.Generator) -> list[hg.SpectrumEstimate]:
+def estimate(case: SpectraCase, matrix: Array, random: np.random.Generator) -> list[hg.SpectrumEstimate]:
     """One estimate a surface, from noisy readings through `matrix` (channels, wavelengths)."""
     estimates = []
     for truth, priors in zip(case.tested, case.priors, strict=True):
@@ -85,7 +85,7 @@ def estimate(case: Case, matrix: Array, random: np.random.Generator) -> list[hg.
     return estimates
 
 
-def study_case(case: Case, bench: Bench, sources: str, seed: int = 0) -> dict[str, Any]:
+def study_case(case: SpectraCase, bench: SpectraBench, sources: str, seed: int = 0) -> dict[str, Any]:
     """Every camera in turn: {"delta_e": lamp → (cameras, m), "inside": the same, "camera_b": …, "probability": …}.
 
     camera_b: what every other camera reads under D65 and A: relative errors (pairs, m, 3) and the share inside.

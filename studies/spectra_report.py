@@ -11,16 +11,18 @@ import numpy as np
 import hagoromo as hg
 from hagoromo.files.plot import panels, svg_text
 from hagoromo.reflectance.spectra.prior_spectra import WAVELENGTHS
-from studies.spectra_bench import TARGETS, Bench
-from studies.spectra_cases import Case, estimate
-from studies.spectra_row import Row
+from studies.spectra_bench import TARGETS, SpectraBench
+from studies.spectra_cases import SpectraCase, estimate
+from studies.spectra_row import SpectraRow
 
 SHOWN_METHODS = ("hagoromo", "3×3 matrix", "root polynomial", "Wiener")
 BAR_COLOURS = ("#1f4e8c", "#b5651d", "#3b7d5a", "#8a8a8a")
 CAMERA = "Canon 5DMarkII"  # of the drawn spectra; the first camera where it is not in the set
 
 
-def write_spectra_report(path: Path, record: dict[str, Any], rows: Sequence[Row], chart: Case, bench: Bench) -> None:
+def write_spectra_report(
+    path: Path, record: dict[str, Any], rows: Sequence[SpectraRow], chart: SpectraCase, bench: SpectraBench
+) -> None:
     """Write the page to `path`: one self-contained HTML file."""
     camera = CAMERA if CAMERA in bench.cameras else next(iter(bench.cameras))
     charts = []
@@ -62,7 +64,7 @@ def _camera_cells(row: dict[str, Any]) -> list[str]:
     return [row["case"], row["sources"], *scores, f"{100 * row['camera_b_coverage']:.1f} %", probabilities]
 
 
-def _shares(rows: Sequence[Row]) -> str:
+def _shares(rows: Sequence[SpectraRow]) -> str:
     figure, axes = panels(len(TARGETS), 10.0, 3.2)
     chosen = {
         row.method: row for row in rows if (row.case, row.sources) == ("chart", "D65") and row.method in SHOWN_METHODS
@@ -80,7 +82,7 @@ def _shares(rows: Sequence[Row]) -> str:
     return svg_text(figure)
 
 
-def _spectra(case: Case, estimates: Sequence[hg.SpectrumEstimate]) -> str:
+def _spectra(case: SpectraCase, estimates: Sequence[hg.SpectrumEstimate]) -> str:
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(10.0, 6.4), layout="constrained")
@@ -100,7 +102,7 @@ def _spectra(case: Case, estimates: Sequence[hg.SpectrumEstimate]) -> str:
     return svg_text(figure)
 
 
-def _regions(case: Case, estimates: Sequence[hg.SpectrumEstimate], colours: np.ndarray) -> str:
+def _regions(case: SpectraCase, estimates: Sequence[hg.SpectrumEstimate], colours: np.ndarray) -> str:
     """95 % ellipses of the chromaticities x, y, to first order in the errors."""
     figure, (axis,) = panels(1, 6.4, 4.6)
     turn = np.linspace(0.0, 2.0 * np.pi, 73)

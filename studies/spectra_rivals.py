@@ -14,8 +14,8 @@ import numpy as np
 
 import hagoromo as hg
 from hagoromo.reflectance.spectra.prior_spectra import WAVELENGTHS
-from studies.spectra_bench import SPECTRA_NOISE, TARGETS, Array, Bench, delta_e, noisy
-from studies.spectra_cases import Case
+from studies.spectra_bench import SPECTRA_NOISE, TARGETS, Array, SpectraBench, delta_e, noisy
+from studies.spectra_cases import SpectraCase
 
 RIVAL_LAMP = "D65"
 BOUND = "Wiener that knows the tested"
@@ -24,7 +24,7 @@ ROOT_DEGREE = 2
 Method = Callable[[Array, Array, Array, Array], Array]  # matrix, target matrix, training, readings → XYZ
 
 
-def study_rivals(case: Case, bench: Bench, seed: int = 0) -> dict[str, dict[str, Array]]:
+def study_rivals(case: SpectraCase, bench: SpectraBench, seed: int = 0) -> dict[str, dict[str, Array]]:
     """Method → lamp → ΔE00 (cameras, m)."""
     methods: dict[str, Method] = {"3×3 matrix": _linear, "root polynomial": _root, "Wiener": _wiener, BOUND: _wiener}
     errors: dict[str, dict[str, list]] = {name: {lamp: [] for lamp in TARGETS} for name in methods}
@@ -43,7 +43,7 @@ def study_rivals(case: Case, bench: Bench, seed: int = 0) -> dict[str, dict[str,
     return {name: {lamp: np.array(rows) for lamp, rows in of.items()} for name, of in errors.items()}
 
 
-def study_recoveries(case: Case, bench: Bench, seed: int = 0) -> dict[str, dict[str, Array]]:
+def study_recoveries(case: SpectraCase, bench: SpectraBench, seed: int = 0) -> dict[str, dict[str, Array]]:
     """Method → lamp → ΔE00 of colour-science's recoveries, given the exact XYZ under D65, and through a camera.
 
     Through a camera, XYZ is that of the root polynomial: "Meng 2015 through a camera".
@@ -61,14 +61,14 @@ def study_recoveries(case: Case, bench: Bench, seed: int = 0) -> dict[str, dict[
     return errors
 
 
-def _scores(case: Case, bench: Bench, spectra: list[Array]) -> dict[str, Array]:
+def _scores(case: SpectraCase, bench: SpectraBench, spectra: list[Array]) -> dict[str, Array]:
     return {
         lamp: np.array([delta_e(of @ m.T, case.tested @ m.T, m.sum(axis=1)) for of in spectra])
         for lamp, m in bench.colours.items()
     }
 
 
-def _groups(case: Case) -> list[tuple[Array, list[int]]]:
+def _groups(case: SpectraCase) -> list[tuple[Array, list[int]]]:
     """Each set of training spectra with the surfaces that it is for."""
     sets = {id(training): training for training in case.training}
     return [(of, [i for i, t in enumerate(case.training) if id(t) == key]) for key, of in sets.items()]

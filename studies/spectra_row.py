@@ -10,7 +10,7 @@ import numpy as np
 
 
 @dataclass(frozen=True, eq=False)
-class Row:
+class SpectraRow:
     """One line of the table. delta_e: lamp → (cameras, surfaces). More: what our own estimate states beside it."""
 
     case: str

@@ -30,7 +30,7 @@ TRUE_SEED = 1 << 20
 Record = dict[str, Any]
 
 
-class Truth(NamedTuple):
+class TruePicture(NamedTuple):
     """Y (height, width), the variance that it still has, and which pixels show matter."""
 
     y: NDArray[np.float64]
@@ -77,11 +77,11 @@ def rows_of(each: NoisyScene, runs: int) -> list[Record]:
     return [row(each, error, truth, runs) for error in each.errors]
 
 
-def truth_of(scene: hg.Scene) -> Truth:
+def truth_of(scene: hg.Scene) -> TruePicture:
     """The picture of TRUE_WALKS walks through every pixel."""
     image = hg.render(scene, hg.Settings(samples=TRUE_WALKS, seed=TRUE_SEED), mode="path")
     assert image.variance is not None
-    return Truth(luminance_of(image), image.variance.astype(float), image.alpha > 0.0)
+    return TruePicture(luminance_of(image), image.variance.astype(float), image.alpha > 0.0)
 
 
 def luminance_of(image: hg.Image) -> NDArray[np.float64]:
@@ -89,7 +89,7 @@ def luminance_of(image: hg.Image) -> NDArray[np.float64]:
     return image.xyz()[..., 1].astype(float)
 
 
-def row(each: NoisyScene, error: float, truth: Truth, runs: int) -> Record:
+def row(each: NoisyScene, error: float, truth: TruePicture, runs: int) -> Record:
     """What `runs` pictures that are asked for one error have: shares, means and 95th percentiles, over that error."""
     found, stated, walks, seconds, light = [], [], [], [], []
     for seed in range(runs):

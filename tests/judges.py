@@ -1,9 +1,9 @@
 """Statistical judges: each decides one kind of claim from samples, at a significance that the caller states.
 
-A judge returns a `Verdict`: `assert judge(…)` passes where the null hypothesis ("the claim is true") stands, and prints
-the figures where it falls. The significance is the chance that a true claim is refused. Give a fixed seed to what draws
-the samples, and decide count and significance before the first run. `tests/test_judges.py` shows each judge a true
-claim, which it must pass, and a false one, which it must refuse.
+A judge returns a `StatisticalVerdict`: `assert judge(…)` passes where the null hypothesis ("the claim is true")
+stands, and prints the figures where it falls. The significance is the chance that a true claim is refused. Give a
+fixed seed to what draws the samples, and decide count and significance before the first run. `tests/test_judges.py`
+shows each judge a true claim, which it must pass, and a false one, which it must refuse.
 
 | judge | claim |
 |---|---|
@@ -32,7 +32,7 @@ LEAST_EXPECTED = 25.0  # counts of a cell: the Poisson law is close to normal, s
 
 
 @dataclass(frozen=True)
-class Verdict:
+class StatisticalVerdict:
     """Whether a claim stands, the probability of samples as far from it or farther, and the figures behind it."""
 
     stands: bool
@@ -45,7 +45,7 @@ class Verdict:
 
 def sampler_follows_density(
     counts: ArrayLike, expected: ArrayLike, significance: float = SIGNIFICANCE, expected_error: float = 0.0
-) -> Verdict:
+) -> StatisticalVerdict:
     """Judge a sampler by Pearson's chi-square, Σ (counts − expected)²/expected over the cells.
 
     Null hypothesis: independent draws fall into a cell with its expected share. counts, expected: (cells), numbers of
@@ -68,7 +68,9 @@ def sampler_follows_density(
         )
     chi_square = float(np.sum((counts - expected) ** 2 / (expected + (expected_error * expected) ** 2)))
     p = float(stats.chi2.sf(chi_square, len(counts) - 1))
-    return Verdict(p > significance, p, f"χ² {chi_square:.1f} of {len(counts) - 1} degrees of freedom, p {p:.2g}")
+    return StatisticalVerdict(
+        p > significance, p, f"χ² {chi_square:.1f} of {len(counts) - 1} degrees of freedom, p {p:.2g}"
+    )
 
 
 def standard_normal(
@@ -76,7 +78,7 @@ def standard_normal(
     significance: float = SIGNIFICANCE,
     mean_tolerance: float = 0.0,
     variance_tolerance: float = 0.0,
-) -> Verdict:
+) -> StatisticalVerdict:
     """Judge standardised errors, (estimate − truth)/σ: two-sided tests of the mean (normal) and variance (chi-square).
 
     Null hypothesis: z are independent draws of mean 0 and variance 1. Tolerances are what is granted beside chance: of
@@ -89,7 +91,7 @@ def standard_normal(
     low, high = stats.chi2.ppf((significance / 2, 1.0 - significance / 2), count - 1) / (count - 1)
     within = low - variance_tolerance < variance < high + variance_tolerance
     figures = f"mean {mean:.4f} (p {p_mean:.2g}), variance {variance:.4f} (allowed {low:.4f} to {high:.4f})"
-    return Verdict(p_mean > significance and bool(within), p_mean, f"{figures}, {count} draws")
+    return StatisticalVerdict(p_mean > significance and bool(within), p_mean, f"{figures}, {count} draws")
 
 
 def blocks_agree(
@@ -99,7 +101,7 @@ def blocks_agree(
     block: int = 4,
     significance: float = SIGNIFICANCE,
     relative_bias: float = 0.0,
-) -> Verdict:
+) -> StatisticalVerdict:
     """Judge two pictures block by block: Z = (mean of first − mean of second)/σ of the difference, in each block.
 
     Null hypothesis: both show the same radiance in every block, with independent normal errors of the stated variance.
@@ -125,10 +127,12 @@ def blocks_agree(
     figures = (
         f"{z.size} blocks: largest |Z| {farthest:.2f} (p {p_farthest:.2g}), Σ Z² {np.sum(z**2):.1f} (p {p_all:.2g})"
     )
-    return Verdict(p > significance, p, figures if equal else f"{figures}; blocks without variance differ")
+    return StatisticalVerdict(p > significance, p, figures if equal else f"{figures}; blocks without variance differ")
 
 
-def mean_is(draws: ArrayLike, truth: float, significance: float = SIGNIFICANCE, tolerance: float = 0.0) -> Verdict:
+def mean_is(
+    draws: ArrayLike, truth: float, significance: float = SIGNIFICANCE, tolerance: float = 0.0
+) -> StatisticalVerdict:
     """Judge the mean of draws by Student's t, two-sided; with draws of radiance in a white furnace, its energy.
 
     Null hypothesis: independent draws whose mean is `truth`, within `tolerance` (the unit of the draws; state why). The
@@ -140,10 +144,14 @@ def mean_is(draws: ArrayLike, truth: float, significance: float = SIGNIFICANCE, 
     mean, spread = float(draws.mean()), float(draws.std(ddof=1)) / math.sqrt(draws.size)
     off = max(abs(mean - truth) - tolerance, 0.0)
     p = 2.0 * float(stats.t.sf(off / spread, draws.size - 1)) if spread > 0.0 else float(off == 0.0)
-    return Verdict(p > significance, p, f"mean {mean:.6g} ± {spread:.2g} of {draws.size}, truth {truth:.6g}, p {p:.2g}")
+    return StatisticalVerdict(
+        p > significance, p, f"mean {mean:.6g} ± {spread:.2g} of {draws.size}, truth {truth:.6g}, p {p:.2g}"
+    )
 
 
-def median_is(draws: ArrayLike, truth: float, significance: float = SIGNIFICANCE, tolerance: float = 0.0) -> Verdict:
+def median_is(
+    draws: ArrayLike, truth: float, significance: float = SIGNIFICANCE, tolerance: float = 0.0
+) -> StatisticalVerdict:
     """Judge the median bias of an estimator by the sign test, two-sided.
 
     Null hypothesis: half of the independent draws lie on either side of a value within `tolerance` of `truth` (the
@@ -157,7 +165,7 @@ def median_is(draws: ArrayLike, truth: float, significance: float = SIGNIFICANCE
     figures = (
         f"median {np.median(draws):.6g} of {draws.size}, truth {truth:.6g}: {above} above, {below} below, p {p:.2g}"
     )
-    return Verdict(p > significance, p, figures)
+    return StatisticalVerdict(p > significance, p, figures)
 
 
 def intervals_hold(
@@ -167,7 +175,7 @@ def intervals_hold(
     at_least: bool = False,
     tolerance: float = 0.0,
     independent: float | None = None,
-) -> Verdict:
+) -> StatisticalVerdict:
     """Judge the coverage of intervals: how many of n hold the truth is binomial.
 
     Null hypothesis: each interval holds the truth with the probability `level`, independently; at_least: or with more
@@ -182,10 +190,10 @@ def intervals_hold(
     low, high = max(level - tolerance, 0.0), min(level + tolerance, 1.0)
     p_low, p_high = float(stats.binom.cdf(held, count, low)), float(stats.binom.sf(math.ceil(held) - 1, count, high))
     p = p_low if at_least else min(1.0, 2.0 * min(p_low, p_high))
-    return Verdict(p > significance, p, f"{hits.sum()} of {hits.size} hold, {level:.0%} stated, p {p:.2g}")
+    return StatisticalVerdict(p > significance, p, f"{hits.sum()} of {hits.size} hold, {level:.0%} stated, p {p:.2g}")
 
 
-def alarms_are_rare(p_values: ArrayLike, level: float, significance: float = SIGNIFICANCE) -> Verdict:
+def alarms_are_rare(p_values: ArrayLike, level: float, significance: float = SIGNIFICANCE) -> StatisticalVerdict:
     """Judge a test of significance by how often it refuses what is true: a number of alarms that is binomial.
 
     Null hypothesis: each of the independent p-values falls below `level` with a probability of `level` at most.
@@ -193,10 +201,12 @@ def alarms_are_rare(p_values: ArrayLike, level: float, significance: float = SIG
     p_values = np.asarray(p_values, float).ravel()
     alarms = int(np.sum(p_values < level))
     p = float(stats.binom.sf(alarms - 1, p_values.size, level))
-    return Verdict(p > significance, p, f"{alarms} of {p_values.size} below {level:g}, p {p:.2g}")
+    return StatisticalVerdict(p > significance, p, f"{alarms} of {p_values.size} below {level:g}, p {p:.2g}")
 
 
-def converges_with_order(steps: ArrayLike, errors: ArrayLike, order: float, tolerance: float = 0.5) -> Verdict:
+def converges_with_order(
+    steps: ArrayLike, errors: ArrayLike, order: float, tolerance: float = 0.5
+) -> StatisticalVerdict:
     """Judge a solver by log(error ratio)/log(step ratio) between each two neighbouring steps, all ≥ order − tolerance.
 
     No draws, so no significance (the p-value is 1 or 0): errors against the limit or a far finer solution must be above
@@ -205,7 +215,7 @@ def converges_with_order(steps: ArrayLike, errors: ArrayLike, order: float, tole
     steps, errors = np.asarray(steps, float), np.asarray(errors, float)
     orders = np.diff(np.log(errors)) / np.diff(np.log(steps))
     stands = bool((orders >= order - tolerance).all())
-    return Verdict(stands, float(stands), f"orders {np.array2string(orders, precision=2)}, stated {order:g}")
+    return StatisticalVerdict(stands, float(stands), f"orders {np.array2string(orders, precision=2)}, stated {order:g}")
 
 
 def _block_means(values: NDArray[np.float64], block: int) -> NDArray[np.float64]:

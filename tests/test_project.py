@@ -1,5 +1,6 @@
 """The project says one thing in all places: version, commands, what the workflow and the hooks run."""
 
+import ast
 import re
 from pathlib import Path
 
@@ -56,3 +57,15 @@ def test_a_name_that_is_no_study_ends_in_a_line_and_status_2(capsys):
     assert main([]) == 0
     listed = capsys.readouterr().out
     assert all(f"  {name} " in listed for name in STUDIES)
+
+
+def test_a_name_of_a_class_has_one_meaning():
+    """In the packages, the studies, the benchmarks and the tests alike."""
+    places: dict[str, list[str]] = {}
+    for folder in ("hagoromo*", "studies", "benchmarks", "fuzz", "packaging", "tests"):
+        for path in sorted(ROOT.glob(f"{folder}/**/*.py")):
+            for node in ast.walk(ast.parse(path.read_bytes())):
+                if isinstance(node, ast.ClassDef):
+                    places.setdefault(node.name, []).append(str(path.relative_to(ROOT)))
+    assert len(places) > 900
+    assert {name: where for name, where in places.items() if len(where) > 1} == {}

@@ -37,7 +37,7 @@ class Texture(ForeignRecord, frozen=True, kw_only=True):
     extensions: dict[str, dict[str, Any]] = {}
 
 
-class Rough(ForeignRecord, frozen=True, kw_only=True):
+class MetallicRoughness(ForeignRecord, frozen=True, kw_only=True):
     """pbrMetallicRoughness."""
 
     baseColorFactor: Annotated[tuple[float, ...], Meta(min_length=4, max_length=4)] = (1.0, 1.0, 1.0, 1.0)
@@ -80,7 +80,7 @@ class Material(ForeignRecord, frozen=True, kw_only=True):
     """An entry of `materials`."""
 
     name: str = ""
-    pbrMetallicRoughness: Rough | None = None
+    pbrMetallicRoughness: MetallicRoughness | None = None
     emissiveFactor: Annotated[tuple[float, ...], Meta(min_length=3, max_length=3)] | None = None
     extensions: MaterialExtensions | None = None
 
@@ -94,7 +94,7 @@ class Primitive(ForeignRecord, frozen=True, kw_only=True):
     mode: Annotated[int, Meta(ge=0, le=6)] = 4
 
 
-class Mesh(ForeignRecord, frozen=True, kw_only=True):
+class GltfMesh(ForeignRecord, frozen=True, kw_only=True):
     """An entry of `meshes`."""
 
     name: str = ""
@@ -161,7 +161,7 @@ class Buffer(ForeignRecord, frozen=True, kw_only=True):
     uri: str | None = None
 
 
-class Image(ForeignRecord, frozen=True, kw_only=True):
+class GltfImage(ForeignRecord, frozen=True, kw_only=True):
     """An entry of `images`."""
 
     uri: str | None = None
@@ -205,7 +205,7 @@ class GltfSpot(ForeignRecord, frozen=True, kw_only=True):
     outerConeAngle: Factor = 0.7853982
 
 
-class Lamp(ForeignRecord, frozen=True, kw_only=True):
+class GltfLamp(ForeignRecord, frozen=True, kw_only=True):
     """A lamp of KHR_lights_punctual."""
 
     name: str = ""
@@ -215,16 +215,16 @@ class Lamp(ForeignRecord, frozen=True, kw_only=True):
     spot: GltfSpot | None = None
 
 
-class Lamps(ForeignRecord, frozen=True, kw_only=True):
+class GltfLamps(ForeignRecord, frozen=True, kw_only=True):
     """KHR_lights_punctual."""
 
-    lights: list[Lamp] = []
+    lights: list[GltfLamp] = []
 
 
 class Extensions(ForeignRecord, frozen=True, kw_only=True):
     """Those of the file that are read."""
 
-    KHR_lights_punctual: Lamps | None = None
+    KHR_lights_punctual: GltfLamps | None = None
 
 
 class Gltf(ForeignRecord, frozen=True, kw_only=True):
@@ -234,12 +234,12 @@ class Gltf(ForeignRecord, frozen=True, kw_only=True):
     scene: Number = 0
     scenes: list[GltfScene] = []
     nodes: Annotated[list[Node], Meta(max_length=MOST_NODES)] = []
-    meshes: list[Mesh] = []
+    meshes: list[GltfMesh] = []
     materials: list[Material] = []
     accessors: list[Accessor] = []
     bufferViews: list[BufferView] = []
     buffers: list[Buffer] = []
-    images: list[Image] = []
+    images: list[GltfImage] = []
     textures: list[TextureSource] = []
     samplers: list[Sampler] = []
     cameras: list[View] = []

@@ -129,17 +129,17 @@ class _Mover:
         ways[:, :3, 3] += ways[:, :3, :3] @ origin - origin
         self.rows = lookup(arrays().Float, np.ascontiguousarray(ways[:, :3].transpose(0, 2, 1), np.float32).ravel())
 
-    def way_back(self, instant: UInt | None) -> _Way:
+    def way_back(self, instant: UInt | None) -> _Turn:
         """The way of rays at their instants."""
         jit = arrays()
         if instant is None:
-            return _Way([jit.Array3f(*axis) for axis in np.eye(3).tolist()], jit.Array3f(0.0))
+            return _Turn([jit.Array3f(*axis) for axis in np.eye(3).tolist()], jit.Array3f(0.0))
         numbers = [dr.gather(jit.Float, self.rows, instant * 12 + k) for k in range(12)]
         *axes, shift = (jit.Array3f(*numbers[k : k + 3]) for k in range(0, 12, 3))
-        return _Way(axes, shift)
+        return _Turn(axes, shift)
 
 
-class _Way(NamedTuple):
+class _Turn(NamedTuple):
     """A turn, by what becomes of x, y, z, and a shift [m]."""
 
     axes: list[Array3f]

@@ -59,7 +59,7 @@ class ShadowsBack:
             fixed = dr.detach(origin), dr.detach(to_lamp), dr.detach(distance)
             dr.eval(fixed, by_depth)
             with dr.suspend_grad():
-                by_origin, by_direction = _depth_back(_Way(self, fixed, by_depth))
+                by_origin, by_direction = _depth_back(_ShadowRay(self, fixed, by_depth))
                 dr.eval(by_origin, by_direction)
             moved = dr.dot(origin, by_origin) + dr.dot(to_lamp, by_direction)
             if dr.grad_enabled(moved):
@@ -89,13 +89,13 @@ class _Transmittances(dr.CustomOp):
             for ray, passed, by_passed in zip(self.rays, self.passed, by_all, strict=True):
                 enough = self.shadows.seen * passed > LEAST_SHARE
                 by_depth = dr.select(enough, -passed * by_passed, 0.0)
-                by_origin, by_direction = _depth_back(_Way(self.shadows, ray, by_depth))
+                by_origin, by_direction = _depth_back(_ShadowRay(self.shadows, ray, by_depth))
                 by_rays.append((by_origin, by_direction, dr.zeros(arrays().Float, dr.width(ray[2]))))
         if self.shadows.by_rays:
             self.set_grad_in("rays", by_rays)
 
 
-class _Way:
+class _ShadowRay:
     """A ray whose optical depth is differentiated, and the derivative of the loss by that. A plain object: what stays
     the same in a loop must not be in its state, as Dr.Jit would trace the loop once more, and lose derivatives of it.
     """
@@ -121,7 +121,7 @@ class _Way:
 
 
 @dr.syntax
-def _depth_back(way: _Way) -> tuple[Array3f, Array3f]:
+def _depth_back(way: _ShadowRay) -> tuple[Array3f, Array3f]:
     """Add the derivative of by_depth · (optical depth of a way) to the gradients of what is tracked; that by the origin
     and the direction of the ray.
     """

@@ -21,7 +21,7 @@ Sizes = tuple[Positive, Positive, Positive]
 SHORTEST_MM = 1e-6  # least half side of a shape: kernels compute in single precision
 
 
-class Sphere(Record, frozen=True, tag_field="form", tag="sphere"):
+class SphereForm(Record, frozen=True, tag_field="form", tag="sphere"):
     """A sphere."""
 
     radius_mm: Annotated[Positive, about("radius [mm]")]
@@ -47,7 +47,7 @@ class Capsule(Record, frozen=True, tag_field="form", tag="capsule"):
     length_mm: Annotated[Positive, about("length of the cylinder, without its ends [mm]")]
 
 
-class Mesh(Record, frozen=True, tag_field="form", tag="mesh"):
+class MeshForm(Record, frozen=True, tag_field="form", tag="mesh"):
     """A mesh, turned about x, then y, then z before it is measured."""
 
     file: Annotated[str, about("mesh file")]
@@ -55,10 +55,10 @@ class Mesh(Record, frozen=True, tag_field="form", tag="mesh"):
     rotation_deg: Annotated[Vector, about("turns about x, y and z [°]")] = (0.0, 0.0, 0.0)
 
 
-FORMS = (Sphere, Ellipsoid, Box, Capsule, Mesh)
+FORMS = (SphereForm, Ellipsoid, Box, Capsule, MeshForm)
 
 
-def form_of(record: dict[str, Any], where: str) -> Sphere | Ellipsoid | Box | Capsule | Mesh:
+def form_of(record: dict[str, Any], where: str) -> SphereForm | Ellipsoid | Box | Capsule | MeshForm:
     """The checked keys of a [shape]."""
     return decode_one(record, FORMS, where)
 
@@ -71,13 +71,13 @@ def shape_of(
     voxel_mm: a warning tells what of a mesh is thinner than two of these.
     """
     form = form_of(record, where)
-    if isinstance(form, Mesh):
+    if isinstance(form, MeshForm):
         mesh = MeshSurface(file(form.file), form.height_mm, form.rotation_deg)
         if voxel_mm is not None:
             warn_of_thin(mesh.name, voxel_mm, mesh.thin_parts(2.0 * voxel_mm), "warn")
         room = 2.0 + 0.01 * float((mesh.high - mesh.low).max())
         return mesh.signed_distance, (tuple(mesh.low - room), tuple(mesh.high + room))
-    if isinstance(form, Sphere):
+    if isinstance(form, SphereForm):
         half = (form.radius_mm,) * 3
         made: Shape = lambda p: sphere(p, (0.0, 0.0, half[2]), half[0])  # noqa: E731
     elif isinstance(form, Ellipsoid):

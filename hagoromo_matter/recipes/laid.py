@@ -34,7 +34,7 @@ from hagoromo_matter.drape.mesh_chart import mesh_chart
 from hagoromo_matter.drape.sheet import Sheet
 from hagoromo_matter.drape.sheet_chart import sheet_chart
 from hagoromo_matter.drape.uv_mesh import UvMesh, uv_mesh
-from hagoromo_matter.recipes.form import FORMS, Mesh, shape_of
+from hagoromo_matter.recipes.form import FORMS, MeshForm, shape_of
 from hagoromo_matter.texel.micro_structure import texel
 from hagoromo_matter.texel.shell import shell
 
@@ -118,7 +118,7 @@ def _patch(recipe: Recipe[L], fabric: Fabric, materials: Sequence[Reflectance], 
 
 def _uv_mesh(recipe: Recipe[L], fabric: Fabric) -> UvMesh:
     """The mesh of [shape] with its UV map; one line about it is said."""
-    form = decode(recipe.table.shape or {}, Mesh, f"{recipe.where} [shape]")
+    form = decode(recipe.table.shape or {}, MeshForm, f"{recipe.where} [shape]")
     cloth = uv_mesh(recipe.file(form.file), form.height_mm, form.rotation_deg, recipe.table.uv_mm, fabric.period_mm)
     cloth.say(form.file)
     return cloth

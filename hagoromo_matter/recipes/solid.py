@@ -13,7 +13,7 @@ from hagoromo.files.record import about, like
 from hagoromo.matter.recipe import Kind, MeanFreePath, Recipe, RecipeTable, Voxel
 from hagoromo.reflectance.material.material_table import PARTS
 from hagoromo.volume.store.plan import BoxPlan
-from hagoromo_matter.recipes.form import FORMS, Mesh, form_of, shape_of
+from hagoromo_matter.recipes.form import FORMS, MeshForm, form_of, shape_of
 from hagoromo_matter.solid.solid import MeshSurface, mesh_solid, solid
 from hagoromo_matter.solid.thin_parts import Thin
 
@@ -38,7 +38,7 @@ def _plan(recipe: Recipe[SolidTable]) -> BoxPlan:
     where = f"{recipe.where} [shape]"
     form = form_of(recipe.table.shape, where)
     named = recipe.table.face_materials
-    if isinstance(form, Mesh):
+    if isinstance(form, MeshForm):
         own = [
             recipe.reflectance(recipe.table.material | keys, f"[face_materials.{name}]") for name, keys in named.items()
         ]

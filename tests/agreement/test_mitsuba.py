@@ -15,7 +15,7 @@ import hagoromo as hg
 from hagoromo.backend import mitsuba
 from hagoromo.image.settings import Settings
 from tests.judges import blocks_agree
-from tests.oracle.lattice import Voxels
+from tests.oracle.lattice import OracleVoxels
 from tests.oracle.radiance import camera_rays, radiance
 
 PIXELS, BLOCK = 32, 8  # pixels a side of the picture, and of a block
@@ -150,12 +150,12 @@ def test_the_oracle_sees_the_radiance_of_volpath():
     assert_same_radiance(ours, *full_cube_of_mitsuba())
 
 
-def full_cube() -> Voxels:
+def full_cube() -> OracleVoxels:
     """Homogeneous matter of matte spheres in the cube −1…1 m."""
     pose, shape = np.eye(4), (FULL_VOXELS,) * 3
     pose[:3, 3] = -1.0
     matter = hg.Reflectance(ALPHA, 0.0, 0.2, 1.5, MATTE, element="sphere")
-    return Voxels(np.ones(shape), np.zeros((*shape, 3)), 2.0 / FULL_VOXELS, 0.5 * FULL_VOXELS, (matter,), pose)
+    return OracleVoxels(np.ones(shape), np.zeros((*shape, 3)), 2.0 / FULL_VOXELS, 0.5 * FULL_VOXELS, (matter,), pose)
 
 
 @cache

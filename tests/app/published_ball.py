@@ -13,12 +13,12 @@ from hagoromo.measurement.measurement import Measurement
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
-from tests.inverse.simulated_ball import Truth, reflected, simulate
+from tests.inverse.simulated_ball import BallMaterial, reflected, simulate
 
 SIZE = 97
 TRUTHS = (
-    Truth((0.20, 0.15, 0.10), 0.9, 0.12, 1.5, lobes=((4.0, 0.03), (0.2, 0.4))),
-    Truth((0.05, 0.09, 0.16), 2.0, 0.05, 1.7, 1.5, (1.2, 1.0, 0.8)),
+    BallMaterial((0.20, 0.15, 0.10), 0.9, 0.12, 1.5, lobes=((4.0, 0.03), (0.2, 0.4))),
+    BallMaterial((0.05, 0.09, 0.16), 2.0, 0.05, 1.7, 1.5, (1.2, 1.0, 0.8)),
 )
 EPSILON, SIGMA = 0.2, 0.3  # of the body of the second material
 PARAMETERS = ("alpha", "beta", "gamma", "n", "nu", "specular_albedo")
@@ -128,7 +128,7 @@ def ridge() -> Measurement:
     x, y = np.meshgrid(np.arange(width) + 0.5 - width / 2, np.arange(height) + 0.5 - height / 2)
     points = np.stack([x / focal, y / focal, np.ones_like(x)], axis=2) * depth[..., None]
     normals = np.broadcast_to(np.array([0.0, 0.0, -1.0]), points.shape)
-    labels, truth = np.zeros((height, width), int), Truth((0.2, 0.2, 0.2), 0.0, 0.2, 1.5)
+    labels, truth = np.zeros((height, width), int), BallMaterial((0.2, 0.2, 0.2), 0.0, 0.2, 1.5)
     shot = Photograph(
         np.full(points.shape, 0.2), np.full(points.shape, 1e-4), labels == 0, camera,
         (Lamp(to_lamp=(0, 0, -1)),), "front",

@@ -11,7 +11,7 @@ from hagoromo.app.cli import main
 from hagoromo.calibration.views import capture_views as calls
 from hagoromo.errors import InputError
 from hagoromo.files.png import write_png
-from tests.inverse.simulated_views import Marks, mask, ring, structure
+from tests.inverse.simulated_views import BoardMarks, mask, ring, structure
 
 VIEWS = ring(5, width=60, height=44)
 SIZE = 3.0  # units of the imitated structure per metre
@@ -59,7 +59,7 @@ def command(home, out, *more, names=tuple(VIEWS)):
 
 
 def stated_marks():
-    known = Marks()
+    known = BoardMarks()
     entries = [",".join([name, *(f"{x:.4f}" for x in known.seen_by(VIEWS[name]))]) for name in list(VIEWS)[:4]]
     return ["--length", f"{known.length:.8f}", "--length-between", *entries]
 

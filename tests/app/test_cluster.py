@@ -23,7 +23,7 @@ from hagoromo.photograph.capture import save_capture
 from hagoromo.volume.store import field_blocks
 from studies import coverage
 from studies.coverage_bench import BENCHES, FULL_WELLS
-from studies.near_rig import SURFACE_DISTANCE, Look, ring_rig, simulate, sphere
+from studies.near_rig import SURFACE_DISTANCE, Finish, ring_rig, simulate, sphere
 
 SLAB = """
 [[box]]
@@ -311,7 +311,7 @@ def test_tiles_of_a_measurement_have_the_bits_of_one_machine(cluster, tmp_path, 
     folder is left empty.
     """
     monkeypatch.setattr(tile_store, "COARSE_PIXELS", 200)
-    capture, _ = simulate(ring_rig(280, 60, 8), sphere, Look(0.3), bits=10)
+    capture, _ = simulate(ring_rig(280, 60, 8), sphere, Finish(0.3), bits=10)
     save_capture(capture, tmp_path / "capture")
     source = tile_store.FolderSource(tmp_path / "capture", tuple(range(8)))
     with tile_store.tile_store(source, tmp_path) as store:

@@ -7,9 +7,9 @@ import pytest
 from studies.cluster import CAPTURES, simulated
 from studies.cluster_orders import on_paper, steps
 from studies.cluster_page import hours, write_cluster_page
-from studies.cluster_simulation import Machines, Work, simulate
+from studies.cluster_simulation import Machines, SimulatedWork, simulate
 
-EVEN = Work(scenes=40, tasks=1, fetched=0.0, prepare_s=1.0, work_s=9.0, returned=0.0, spread=0.0)
+EVEN = SimulatedWork(scenes=40, tasks=1, fetched=0.0, prepare_s=1.0, work_s=9.0, returned=0.0, spread=0.0)
 FREE = Machines(1, scheduler_s=0.0, mean_life_s=1e12)
 ROW = {
     "workers": 1, "killed": False, "start_s": 2.0, "ready_s": 5.0, "wall_s": 3.0, "prepare_cpu_s": 4.0, "cpu_s": 6.0,

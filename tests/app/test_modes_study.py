@@ -7,7 +7,7 @@ import hagoromo as hg
 from hagoromo_matter.demo import figures
 from studies import modes, modes_scenes
 
-SOURCES = modes_scenes.Sources(*3 * [modes_scenes.Path("nowhere")])
+SOURCES = modes_scenes.SceneFolders(*3 * [modes_scenes.Path("nowhere")])
 
 
 def scene_of(name, sources):

@@ -15,7 +15,7 @@ from hagoromo.measurement.surface.depth import surface_from_normals
 from hagoromo_page.publication.publish import publish
 from tests.app.in_browser import Opened
 from tests.inverse import test_grooves as grooves
-from tests.inverse.simulated_relief import Relief, relief_camera, relief_measurement
+from tests.inverse.simulated_relief import SimulatedRelief, relief_camera, relief_measurement
 from tests.inverse.test_profile import TURN, shape, shared_turns
 
 SIZE = 96
@@ -32,7 +32,7 @@ def measured():
     solved = surface_from_normals(noisy, camera, 0.4, np.where(inside, own, 1.0), draws=1, modes=modes)
     shared = SharedErrors(modes.astype(np.float32), np.asarray(solved.modes, np.float32))
     variance = np.where(inside, own + shared.variances[0], np.inf)
-    plain = relief_measurement(Relief(seed=1), relief_camera(SIZE), 1)
+    plain = relief_measurement(SimulatedRelief(seed=1), relief_camera(SIZE), 1)
     return replace(
         plain, normals=noisy.astype(np.float32), points=solved.points, normal_variance=variance, shared_errors=shared,
         settings={"distance_m": 0.4},
@@ -69,7 +69,7 @@ def test_heights_are_those_of_the_program(browser, page, line):
 
 def grooved(width, angle, off, noise=0.002):
     """A measurement of a groove of `width` px that its pixels average, integrated from their noisy normals."""
-    plain = relief_measurement(Relief(seed=1), relief_camera(grooves.SIZE), 1)
+    plain = relief_measurement(SimulatedRelief(seed=1), relief_camera(grooves.SIZE), 1)
     known, random = plain.labels >= 0, np.random.default_rng(7)
     noisy = grooves.seen_normals(width, 0.3, angle, off)
     noisy = noisy + noise * random.standard_normal(noisy.shape)
@@ -176,4 +176,4 @@ def test_without_errors_the_page_has_heights_and_no_band(browser, tmp_path):
 
 def page_free():
     """A measurement without errors."""
-    return relief_measurement(Relief(seed=1), relief_camera(SIZE), 1, errors=False)
+    return relief_measurement(SimulatedRelief(seed=1), relief_camera(SIZE), 1, errors=False)

@@ -8,11 +8,11 @@ from hagoromo.app.cli import main
 from hagoromo.errors import InputError
 from hagoromo_page.publication.publish import page_source
 from hagoromo_page.raking import RakingLight, raking
-from tests.inverse.simulated_relief import Relief, relief_camera, relief_measurement
+from tests.inverse.simulated_relief import SimulatedRelief, relief_camera, relief_measurement
 
 
 def measurement(size=32, relief=None):
-    return relief_measurement(relief or Relief(seed=1), relief_camera(size), 1)
+    return relief_measurement(relief or SimulatedRelief(seed=1), relief_camera(size), 1)
 
 
 def test_the_lamp_goes_round_at_its_elevation_clockwise_from_the_top():
@@ -25,11 +25,11 @@ def test_the_lamp_goes_round_at_its_elevation_clockwise_from_the_top():
 def test_a_flake_is_dark_towards_the_lamp_and_lit_on_its_far_edge():
     """A hole of 0.3 mm in a flat plate, under a lamp on the left at 10°: its left edge turns away from the lamp."""
 
-    class Flat(Relief):
+    class FlatRelief(SimulatedRelief):
         def height(self, x, y):
             return -3e-4 * self._inside((0.0, 0.0, 0.006), x, y)
 
-    maps = page_source(measurement(64, Flat()), None).maps
+    maps = page_source(measurement(64, FlatRelief()), None).maps
     light = RakingLight(maps, 10.0)
     share = light.lit(0.75).mean(axis=2) / np.maximum(maps.body.mean(axis=2), 1e-9)  # the lamp on the left
     middle = share[share.shape[0] // 2]

@@ -11,14 +11,14 @@ import hagoromo as hg
 from hagoromo.app.cli import main
 from hagoromo.recovery import recover as recovering
 from studies.fuzzy_scenes import down, fuzzy_simulated
-from studies.recover_scenes import Truth, shots, simulated
+from studies.recover_scenes import TrueObject, shots, simulated
 
 SETTINGS = hg.RecoverySettings(side=16, steps=9, rays=1 << 12, keep=0, errors=False)
 
 
 @pytest.fixture(scope="module")
 def capture():
-    return simulated(Truth(), shots(7, 5, 60, 1, pixels=36), 1).capture
+    return simulated(TrueObject(), shots(7, 5, 60, 1, pixels=36), 1).capture
 
 
 def pids(cluster):

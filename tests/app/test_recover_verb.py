@@ -6,7 +6,7 @@ import pytest
 
 import hagoromo as hg
 from hagoromo.app.cli import main
-from studies.recover_scenes import Truth, shots, simulated
+from studies.recover_scenes import TrueObject, shots, simulated
 
 QUICK = ["--side", "24", "--steps", "6"]
 
@@ -14,7 +14,7 @@ QUICK = ["--side", "24", "--steps", "6"]
 @pytest.fixture(scope="module")
 def capture(tmp_path_factory):
     home = tmp_path_factory.mktemp("recover") / "capture"
-    simulated(Truth(flat=True), shots(9, 5, 60, 1, pixels=40), 1).capture.save(home)
+    simulated(TrueObject(flat=True), shots(9, 5, 60, 1, pixels=40), 1).capture.save(home)
     return home
 
 
@@ -133,7 +133,7 @@ def test_wrong_words_end_in_one_line(capture, capsys, words, said):
 def test_the_page_says_what_was_taken_for_given_and_that_there_is_no_scale(tmp_path):
     from dataclasses import replace
 
-    taken = simulated(Truth(flat=True), shots(5, 5, 60, 1, pixels=24), 1).capture
+    taken = simulated(TrueObject(flat=True), shots(5, 5, 60, 1, pixels=24), 1).capture
     said = {"scale": "none: the unit is no metre", "mask": "as <b>given</b>"}
     found = hg.recover(replace(taken, assumptions=said), hg.RecoverySettings(side=16, steps=1, keep=0))
     hg.write_recovery_report(tmp_path / "page.html", found, found.record())

@@ -20,13 +20,13 @@ from hagoromo_page.report.measure_report import write_measure_report
 from hagoromo_page.report.page import number_columns, page_drawing, page_picture, page_text
 from hagoromo_page.report.relight_page import write_relight_report
 from tests.app.published_ball import ball
-from tests.inverse.simulated_ball import Truth, simulate
+from tests.inverse.simulated_ball import BallMaterial, simulate
 
 HOSTILE = "<script>alert('\"&amp;\"')</script>"
 GREY = np.full((5, 7, 3), 128, np.uint8)
 
 
-class Elements(HTMLParser):
+class ElementsOfPage(HTMLParser):
     """Tags of a page, with their attributes."""
 
     def __init__(self, text: str) -> None:
@@ -40,7 +40,7 @@ class Elements(HTMLParser):
 
 def assert_harmless(text: str) -> None:
     """No script but the viewer's, which the policy names; nothing loaded, every picture with words; figures from 1."""
-    elements = Elements(text).found
+    elements = ElementsOfPage(text).found
     policies = [a["content"] for tag, a in elements if tag == "meta" and a.get("http-equiv")]
     assert len(policies) == 1 and f"default-src 'none'; script-src {script_hash()};" in (policies[0] or "")
     scripts = [attributes for tag, attributes in elements if tag == "script"]
@@ -61,7 +61,7 @@ def assert_harmless(text: str) -> None:
 
 
 def test_the_report_of_a_measurement_is_harmless(tmp_path):
-    ball = simulate([Truth((0.20, 0.15, 0.10), 0.5, 0.15, 1.5)], 1)
+    ball = simulate([BallMaterial((0.20, 0.15, 0.10), 0.5, 0.15, 1.5)], 1)
     capture = replace(
         ball, name=HOSTILE, photographs=tuple(replace(photograph, name=HOSTILE) for photograph in ball.photographs)
     )
@@ -77,7 +77,7 @@ def test_the_report_of_a_measurement_is_harmless(tmp_path):
 def test_the_report_of_relit_photographs_is_harmless(tmp_path):
     picture = np.linspace(0.1, 0.9, 13 * 17 * 3).reshape(13, 17, 3)
     figures = Comparison(relative_rmse=0.1, delta_e_2000=1.0, psnr=None, ssim=0.9, peak=1.0, pixels=221)
-    capture = replace(simulate([Truth((0.20, 0.15, 0.10), 0.5, 0.15, 1.5)], 1, 41), name=HOSTILE)
+    capture = replace(simulate([BallMaterial((0.20, 0.15, 0.10), 0.5, 0.15, 1.5)], 1, 41), name=HOSTILE)
     one = Prediction(
         name=HOSTILE,
         source=capture.photographs[0],

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 import hagoromo as hg
-from studies.recover_scenes import Truth, shots, simulated
+from studies.recover_scenes import TrueObject, shots, simulated
 
 ROOT = Path(__file__).parents[2]
 # They run with their commands, in test_tutorial.py and test_region_spectra.py.
@@ -57,7 +57,7 @@ def home(tmp_path_factory):
     folder = tmp_path_factory.mktemp("snippets")
     (folder / "scene.toml").write_text(SCENE)
     hg.simulate(folder / "scene.toml", name="ball").save(folder / "capture")
-    simulated(Truth(flat=True), shots(9, 5, 60, 1, pixels=40), 1).capture.save(folder / "all_around")
+    simulated(TrueObject(flat=True), shots(9, 5, 60, 1, pixels=40), 1).capture.save(folder / "all_around")
     return folder
 
 

@@ -28,7 +28,7 @@ eye = [0.0, -1.0, 0.0]
 """
 
 
-class Seen:
+class ViewedPage:
     """A viewer's page, and the desk behind it."""
 
     def __init__(self, chromium, desk):
@@ -108,8 +108,8 @@ def look(browser):
     """Opens a desk in Chromium."""
     every = []
 
-    def at(desk) -> Seen:
-        every.append(Seen(browser, desk))
+    def at(desk) -> ViewedPage:
+        every.append(ViewedPage(browser, desk))
         return every[-1]
 
     yield at

@@ -35,7 +35,7 @@ from hagoromo_page.viewer.probe import WAVELENGTHS, plain
 from hagoromo_page.viewer.view_state import ViewTransform
 from tests.app.published_ball import ball
 from tests.ball_scene import ball_scene
-from tests.inverse.simulated_relief import Relief, relief_camera, relief_measurement
+from tests.inverse.simulated_relief import SimulatedRelief, relief_camera, relief_measurement
 
 DAY, BULB = Spectrum.named("D65"), Spectrum.named("A")
 
@@ -205,7 +205,7 @@ def test_a_measurement_is_lit_by_its_reflectance_and_shows_its_uncertainty(tmp_p
 
 
 def test_a_part_of_a_measurement_has_the_stretched_colours_of_the_whole():
-    measurement = relief_measurement(Relief(seed=1), relief_camera(32), 1)
+    measurement = relief_measurement(SimulatedRelief(seed=1), relief_camera(32), 1)
     source = page_source(measurement, None, closely=True)
     plate = MapsPlate(source.maps, measurement, source.look)
     part = plate.part(slice(10, 20), slice(10, 20), (10, 10))
@@ -216,7 +216,7 @@ def test_a_part_of_a_measurement_has_the_stretched_colours_of_the_whole():
 def test_two_clicks_give_the_heights_of_the_program():
     """Of a measurement that is cropped to its object: the same line, heights and band as `hagoromo profile`."""
     pytest.importorskip("viser", reason="viser is not installed")
-    measurement = relief_measurement(Relief(seed=1), relief_camera(48), 1)
+    measurement = relief_measurement(SimulatedRelief(seed=1), relief_camera(48), 1)
     source = page_source(measurement, None, closely=True)
     plate = MapsPlate(source.maps, measurement, source.look)
     gui = MagicMock()

@@ -17,19 +17,19 @@ from hagoromo.files.array_tree import TREE, read_tree, write_tree
 from hagoromo.measurement.surface import tile_pixels
 
 
-class Kind(Enum):
+class KindOfPart(Enum):
     ROUND, FLAT = 1, 2
 
 
-class Part(NamedTuple):
+class PartOfTree(NamedTuple):
     values: NDArray[np.float32]
-    kind: Kind
+    kind: KindOfPart
     of: Path
 
 
 @dataclass(frozen=True, eq=False)
 class Whole:
-    parts: tuple[Part | None, ...]
+    parts: tuple[PartOfTree | None, ...]
     weights: NDArray[np.float64] | None
     largest: float
     count: np.int16
@@ -45,7 +45,7 @@ class Other:
 @pytest.fixture
 def whole():
     values = np.random.default_rng(1).normal(size=(5, 3)).astype(np.float32)
-    parts = (Part(values, Kind.FLAT, Path("a/b")), None, Part(values[::2], Kind.ROUND, Path()))
+    parts = (PartOfTree(values, KindOfPart.FLAT, Path("a/b")), None, PartOfTree(values[::2], KindOfPart.ROUND, Path()))
     settings = {"n": 0.1, "of": (1, True, None)}
     return Whole(parts, np.array([np.nan, -0.0, 1e-310]), math.inf, np.int16(-7), settings, "é")
 
@@ -70,7 +70,7 @@ def test_an_array_that_stands_twice_is_stored_once(tmp_path):
     assert read_tree(tmp_path / "a", Whole).settings["again"].tobytes() == values.tobytes()
 
 
-class Program:
+class PickledProgram:
     """What runs a program when it is unpickled."""
 
     def __init__(self, mark: Path) -> None:
@@ -87,15 +87,15 @@ def arrays(tree: str, **more: Any) -> dict[str, Any]:
 def test_a_file_of_somebody_else_is_one_line_and_runs_nothing(whole, tmp_path):
     """Pickles, also inside an .npz; types that the record does not name; a part of it; another one; damaged files."""
     mark, name, place = tmp_path / "ran", f"{Whole.__module__}.{{}}", tmp_path / "b"
-    pickle.loads(pickle.dumps(Program(mark)))
+    pickle.loads(pickle.dumps(PickledProgram(mark)))
     assert mark.is_dir()  # it would run
     mark.rmdir()
     write_tree(tmp_path / "a", whole)
     good = (tmp_path / "a").read_bytes()
-    program = np.array([Program(mark)], object)
+    program = np.array([PickledProgram(mark)], object)
     record = '{"record": "%s", "fields": {"name": "a"}}'
     files = {
-        "a pickle": pickle.dumps(Program(mark)),
+        "a pickle": pickle.dumps(PickledProgram(mark)),
         "cut off": good[:-100],
         "empty": b"",
         "a pickled array": arrays('{"array": "a"}', a=program),
@@ -124,14 +124,14 @@ def test_a_file_of_somebody_else_is_one_line_and_runs_nothing(whole, tmp_path):
 
 
 def test_what_is_no_plain_record_is_not_written(tmp_path):
-    for value in (Program(tmp_path), {1: 2}, [1], np.array([{}], object)):
+    for value in (PickledProgram(tmp_path), {1: 2}, [1], np.array([{}], object)):
         with pytest.raises((TypeError, ValueError)):
             write_tree(tmp_path / "a", Whole((), None, 0.0, np.int16(0), {"value": value}))
 
 
 def test_what_workers_share_is_no_pickle(tmp_path):
     """Who may write into the scratch folder of a measurement runs nothing on its workers."""
-    (tmp_path / "shared").write_bytes(pickle.dumps(Program(tmp_path / "ran")))
+    (tmp_path / "shared").write_bytes(pickle.dumps(PickledProgram(tmp_path / "ran")))
     with pytest.raises(hg.InputError, match="shared cannot be read"):
         tile_pixels._from_file(str(tmp_path / "shared"))
     assert not (tmp_path / "ran").exists()

@@ -57,10 +57,10 @@ def recipe(tmp_path, monkeypatch) -> Path:
 def written(monkeypatch) -> list:
     """The blocks written, in order; set `written.fail` to what the fifth shall raise."""
 
-    class Written(list):
+    class BlocksWritten(list):
         fail: BaseException | None = None
 
-    blocks, write = Written(), BoxGroup.write
+    blocks, write = BlocksWritten(), BoxGroup.write
 
     def noted(group, block, values):
         if blocks.fail and len(blocks) == 4:

@@ -37,7 +37,7 @@ def place(tmp_path, monkeypatch):
     return tmp_path / "cache"
 
 
-class Made:
+class CountedText:
     """Text of an entry; counts how often it was made."""
 
     def __init__(self, text="what was made"):
@@ -59,7 +59,7 @@ class Made:
 
 
 def test_what_was_made_is_read_again(place):
-    made = Made()
+    made = CountedText()
     assert [made.kept(), made.kept(), made.kept("other")] == [made.text] * 3
     assert made.times == 2 and len(list(cache().entries())) == 2
 
@@ -115,7 +115,7 @@ def is_file(entry):
 )
 def test_an_entry_that_is_not_as_it_was_written_is_made_again(place, spoil):
     """And is right afterwards; what a link leads to is left alone."""
-    made = Made()
+    made = CountedText()
     made.kept()
     spoil(place / key_of("this"))
     outside = sorted(place.parent.iterdir())
@@ -125,7 +125,7 @@ def test_an_entry_that_is_not_as_it_was_written_is_made_again(place, spoil):
 
 
 def test_a_folder_without_the_mark_is_never_read_nor_removed(place):
-    made = Made()
+    made = CountedText()
     made.kept()
     entry = place / key_of("this")
     (entry / MARK).unlink()
@@ -143,17 +143,17 @@ def test_what_was_not_used_for_longest_goes_first(place, monkeypatch):
     monkeypatch.setenv("HAGOROMO_CACHE_MB", "0.0025")
     text = "x" * 1000
     for number, name in enumerate("ab"):
-        Made(text).kept(name)
+        CountedText(text).kept(name)
         os.utime(place / key_of(name) / NOTE, (1000 + number, 1000 + number))
-    Made(text).kept("a")  # used now
-    Made(text).kept("c")
+    CountedText(text).kept("a")  # used now
+    CountedText(text).kept("c")
     assert {entry.name for entry, _, _ in cache().entries()} == {key_of("a"), key_of("c")}
-    Made("x" * 3000).kept("large")
+    CountedText("x" * 3000).kept("large")
     assert sum(size for _, size, _ in cache().entries()) <= 2500
 
 
 def test_an_entry_that_another_process_writes_is_left_to_it(place):
-    made = Made()
+    made = CountedText()
     made.kept("first")
     with alone(place / key_of("this")):
         assert made.kept() == made.text
@@ -162,7 +162,7 @@ def test_an_entry_that_another_process_writes_is_left_to_it(place):
 
 
 def test_work_of_a_killed_process_is_removed(place):
-    made = Made()
+    made = CountedText()
     made.kept()
     (begin_work(beside(place / key_of("killed"), "writing")) / "half").write_text("half")
     made.kept("other")
@@ -171,7 +171,7 @@ def test_work_of_a_killed_process_is_removed(place):
 
 def test_one_makes_what_several_ask_for_at_once_and_the_others_read_it(place):
     """Three ask while the first one makes."""
-    made, begun, go_on = Made(), threading.Event(), threading.Event()
+    made, begun, go_on = CountedText(), threading.Event(), threading.Event()
 
     def make():
         begun.set()
@@ -204,7 +204,7 @@ def test_where_the_maker_is_killed_the_next_one_makes(place):
     assert killed.stdout == "making\n" and killed.returncode == -signal.SIGKILL
     assert beside(place / key_of("this"), "making").is_file()
     shutil.copy(beside(place / key_of("this"), "making"), beside(place / key_of("other"), "making"))
-    made = Made()
+    made = CountedText()
     assert made.kept(once=True) == made.text and made.times == 1
     assert [one.name for one in place.iterdir()] == [key_of("this")]
 
@@ -214,7 +214,7 @@ def test_without_locks_of_the_system_nobody_waits(place, monkeypatch):
     monkeypatch.setattr(filelock, "FileLock", filelock.SoftFileLock)
     place.mkdir()
     beside(place / key_of("this"), "making").write_text("")
-    made = Made()
+    made = CountedText()
     assert made.kept(once=True) == made.text
 
 
@@ -238,7 +238,7 @@ def test_errors_of_what_is_made_are_not_swallowed(place):
 def test_without_a_cache_everything_is_made(tmp_path, monkeypatch, stated):
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("HAGOROMO_CACHE", stated.format(file=tmp_path / "file"))
-    made = Made()
+    made = CountedText()
     assert cache().why_not and made.kept() == made.kept() == made.text and made.times == 2
 
 
@@ -246,14 +246,14 @@ def test_a_machine_without_a_home_works(tmp_path, monkeypatch):
     monkeypatch.delenv("HAGOROMO_CACHE")
     for name in ("HOME", "XDG_CACHE_HOME", "LOCALAPPDATA", "USERPROFILE"):
         monkeypatch.setenv(name, "/dev/null/none" if name == "HOME" else "")
-    assert Made().kept() == "what was made"
+    assert CountedText().kept() == "what was made"
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no modes of this kind")
 def test_a_folder_that_others_may_write_to_is_not_used(place, capsys):
     place.mkdir()
     place.chmod(0o777)
-    made = Made()
+    made = CountedText()
     for _ in range(2):
         made.kept()
     assert made.times == 2 and list(place.iterdir()) == []
@@ -268,7 +268,7 @@ def test_a_bound_that_is_no_number_is_refused(place, monkeypatch, bound, capsys)
 
 def test_cache_shows_and_clears(place, capsys):
     for name in "ab":
-        Made().kept(name)
+        CountedText().kept(name)
     (place / "mine.txt").write_text("not of this package")
     assert main(["cache"]) == 0
     said = capsys.readouterr().out

@@ -19,7 +19,7 @@ from fuzz.readers import READERS, Reader
 from fuzz.run import fuzzed, report, swapped
 from fuzz.trees import SWAPS, nodes_of, swaps
 from fuzz.verbs import SLOW, WORDS
-from fuzz.worker import Sample, swapped_file, tried
+from fuzz.worker import FuzzSample, swapped_file, tried
 
 CORPUS = Path(__file__).resolve().parents[2] / "fuzz" / "corpus"
 FILES = sorted(path for path in CORPUS.rglob("*") if path.is_file())
@@ -102,7 +102,7 @@ def test_swaps_of_a_reader_are_tried_to_the_last():
 
 def test_arguments_of_commands_are_no_file_to_swap():
     reader = READERS["verb-info"]
-    words = Sample({WORDS: b"[]"}, False)
+    words = FuzzSample({WORDS: b"[]"}, False)
     assert swapped_file(reader, words, 0) is None
 
 
@@ -133,7 +133,7 @@ def test_what_takes_too_much_is_a_fault(tmp_path, monkeypatch, bound, lowered, a
     """Counted; one bound is lowered, not to take as much here."""
     monkeypatch.setattr(f"fuzz.costs.{bound}", lowered)
     reader = Reader("a.txt", lambda path: None, act)
-    verdict = tried(reader, Sample({"a.txt": b"text"}, True), 0, tmp_path)
+    verdict = tried(reader, FuzzSample({"a.txt": b"text"}, True), 0, tmp_path)
     assert verdict.outcome == FAULT and said in verdict.kind
     working = reader._replace(works=True)
-    assert tried(working, Sample({"a.txt": b"text"}, True), 0, tmp_path).outcome == "read"
+    assert tried(working, FuzzSample({"a.txt": b"text"}, True), 0, tmp_path).outcome == "read"

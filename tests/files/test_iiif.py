@@ -12,7 +12,7 @@ from hagoromo.files.png import write_png
 from hagoromo.measurement.inspection.seen_surface import SeenSurface
 from hagoromo_formats.archive.measured_maps import height_over_plane, map_pictures
 from hagoromo_formats.archive.pictures import pictures_of
-from tests.inverse.simulated_relief import Relief, places, relief_camera, relief_measurement
+from tests.inverse.simulated_relief import SimulatedRelief, places, relief_camera, relief_measurement
 
 ADDRESS = "https://museum.org/iiif/1"
 JPEG, JPEG_OF_WIDE = 6.0, 4.0  # of 255: root mean square of what JPEG changes in the pictures here, at most
@@ -26,7 +26,7 @@ OF_MAPS = {"curvature", "occlusion", "stretch"}
 def data(tmp_path_factory):
     """An archive of a measured relief with gloss, its maps, and a picture of several tiles a side."""
     home = tmp_path_factory.mktemp("iiif")
-    measured = relief_measurement(Relief(seed=1, patina=0.2), relief_camera(), 1)
+    measured = relief_measurement(SimulatedRelief(seed=1, patina=0.2), relief_camera(), 1)
     measured.save(home / "measured")
     hg.inspection_maps(measured).save(home / "maps")
     y, x = np.mgrid[0:1101, 0:1187]
@@ -110,7 +110,7 @@ def test_heights_are_those_over_the_mean_plane():
     """Against least squares in the axes of the world; the camera looks down, so that what bulges is above 0."""
     camera = relief_camera(37)
     rows, columns = np.mgrid[:37, :37] + 0.5
-    points, normals, inside = places(Relief(seed=1), camera, rows, columns)
+    points, normals, inside = places(SimulatedRelief(seed=1), camera, rows, columns)
     points[..., 2] += 0.1 * points[..., 0]
     seen = SeenSurface(camera, inside, points, normals, None, None, None, None, None, True)
     x, y, z = points[inside].T

@@ -11,13 +11,13 @@ import hagoromo as hg
 from hagoromo.reflectance.spectra.spectrum_estimate import SpectrumEstimate
 from hagoromo_formats.relightable.openmaterial import write_openmaterial
 from tests.app.published_ball import ball, estimate
-from tests.inverse.simulated_ball import Truth
+from tests.inverse.simulated_ball import BallMaterial
 from tests.oracle.reflection import plane
 
 WAVELENGTHS = np.arange(380.0, 781.0, 10.0)
 VALUES = 1.0 + 0.5 * np.sin(WAVELENGTHS / 70.0)
 SPECTRUM = SpectrumEstimate(WAVELENGTHS, VALUES, 1e-4 * np.eye(41), {}, {})
-SILK = estimate("silk, red", Truth((0.12, 0.09, 0.06), 0.9, 0.05, 1.5))
+SILK = estimate("silk, red", BallMaterial((0.12, 0.09, 0.06), 0.9, 0.05, 1.5))
 UUID = re.compile(r"[0-9a-f]{8}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{12}")
 LIMITS = np.array([[1e-9, 0.0, 0.0, 0.0, 0.0], [17.16e-3, 1.570796, 1.570796, 6.283185, np.inf]])  # of the columns
 

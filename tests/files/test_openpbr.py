@@ -11,10 +11,10 @@ from hagoromo_formats.relightable.materialx import write_openpbr
 from hagoromo_formats.relightable.openpbr import OpenPbr, difference, directions, open_pbr
 from studies.merl_rival import ggx
 from tests.app.published_ball import TRUTHS, estimate
-from tests.inverse.simulated_ball import Truth
+from tests.inverse.simulated_ball import BallMaterial
 
 WHITE = (1.0, 1.0, 1.0)
-PAINT = estimate("paint, red", Truth((0.2, 0.15, 0.1), 0.9, 0.12, 1.5))
+PAINT = estimate("paint, red", BallMaterial((0.2, 0.15, 0.1), 0.9, 0.12, 1.5))
 INPUTS = {  # those of ND_open_pbr_surface_surfaceshader of MaterialX 1.39 that are written
     "base_color": "color3", "base_diffuse_roughness": "float", "specular_weight": "float", "specular_color": "color3",
     "specular_roughness": "float", "specular_ior": "float",
@@ -53,7 +53,7 @@ def test_a_smooth_interface_reflects_as_fresnel_says(weight):
 
 
 def test_a_matte_body_is_carried_without_a_difference():
-    chalk = estimate("chalk", Truth((0.2, 0.25, 0.3), 0.0, 0.2, 1.5))
+    chalk = estimate("chalk", BallMaterial((0.2, 0.25, 0.3), 0.0, 0.2, 1.5))
     assert difference(chalk, open_pbr(chalk)) == pytest.approx((0.0, 0.0, 0.0), abs=1e-6)
     assert open_pbr(chalk).base_color == pytest.approx(np.pi * np.array([0.2, 0.25, 0.3]), rel=1e-5)
 
@@ -69,7 +69,7 @@ def test_the_difference_grows_with_what_openpbr_cannot_have():
 @pytest.mark.parametrize("sigma", [0.0, 0.4, 1.0])
 def test_a_rough_body_is_as_bright_under_even_light(sigma):
     """Over all lamps and eyes; the interface left out."""
-    chalk = estimate("chalk", Truth((0.2, 0.2, 0.2), 0.0, 0.2, 1.5))
+    chalk = estimate("chalk", BallMaterial((0.2, 0.2, 0.2), 0.0, 0.2, 1.5))
     surface, sent = open_pbr(replace(chalk, sigma=sigma)), [0.0, 0.0]
     nodes, weights = np.polynomial.legendre.leggauss(24)
     for x, weight in zip(0.5 + 0.5 * nodes, 0.5 * weights, strict=True):

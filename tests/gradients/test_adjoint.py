@@ -39,7 +39,7 @@ def scene_of(lamps: tuple[hg.Lamp, ...] = (NEAR_LAMP, FAR_LAMP)) -> hg.Scene:
     return hg.Scene(camera(), lamps, (leaning_box(),))
 
 
-class Loss:
+class LinearLoss:
     """A loss that is linear in light: seeded weights."""
 
     def __init__(self, rays: hg.RayMarch, seed: int = 2) -> None:
@@ -55,10 +55,10 @@ class Loss:
 
 
 @pytest.fixture(scope="module", params=["march", "none"], ids=["shadows", "no shadows"])
-def marched(request) -> tuple[hg.RayMarch, Loss, Any, hg.Settings]:
+def marched(request) -> tuple[hg.RayMarch, LinearLoss, Any, hg.Settings]:
     settings = hg.Settings(shadows=request.param)
     rays = hg.RayMarch(scene_of(), settings, differentiable=True)
-    loss = Loss(rays)
+    loss = LinearLoss(rays)
     every = ("density", "axis", "colour", "materials", "lamps", "rays")
     return rays, loss, rays.gradient(*RAYS, loss.by_light, by=every), settings
 
@@ -157,7 +157,7 @@ def among_surfaces(lamp: hg.Lamp = LOW_LAMP) -> hg.RayMarch:
 def test_so_are_those_of_boxes_that_overlap_a_surface_and_a_shadow_bias():
     """By densities of both boxes, by materials and by the lamp; shadows of the boxes on the surface, too."""
     rays = among_surfaces()
-    loss = Loss(rays)
+    loss = LinearLoss(rays)
     gradient: Any = rays.gradient(*RAYS, loss.by_light, by=("density", "materials", "lamps"))
     assert abs(loss(gradient.light) - loss(rays(*RAYS))) < 1e-3 * loss(gradient.light)
     before, random = rays.density, np.random.default_rng(8)
@@ -190,7 +190,7 @@ def test_a_box_that_is_used_twice_has_the_gradient_of_both():
     rays = hg.RayMarch(
         hg.Scene(camera(), (FAR_LAMP,), (box, box.with_pose(pose))), hg.Settings(shadows="none"), differentiable=True
     )
-    loss = Loss(rays)
+    loss = LinearLoss(rays)
     gradient: Any = rays.gradient(*RAYS, loss.by_light)
     one, other = gradient.density
     assert np.array_equal(one, other) and np.abs(one).max() > 0.0

@@ -12,7 +12,7 @@ import pytest
 from scipy.ndimage import binary_dilation
 
 import hagoromo as hg
-from tests.oracle.lattice import Array, Voxels
+from tests.oracle.lattice import Array, OracleVoxels
 from tests.oracle.radiance import camera_rays, radiance
 from tests.oracle.scenes import (
     DAYLIGHT,
@@ -34,19 +34,19 @@ FIRST_STEP = 1e-3  # of differences by densities that only grow
 RAYS = camera_rays(camera(12))
 
 
-def soft_ball(depth: float, matter: hg.Reflectance, count: int = 17) -> Voxels:
+def soft_ball(depth: float, matter: hg.Reflectance, count: int = 17) -> OracleVoxels:
     """Density 1 within 5 cm, and 0 beyond 10 cm; depth: mean free paths a voxel at density 1."""
     radius, normal = outwards(*centres((count, count, count)))
     return as_stored(box_of(np.clip((0.1 - radius) / 0.05, 0.0, 1.0), normal, depth, matter))
 
 
-def as_stored(voxels: Voxels) -> Voxels:
+def as_stored(voxels: OracleVoxels) -> OracleVoxels:
     """The voxels as their box has them, rounded."""
     density, axis = voxels.box().bricks.dense()
     return with_density(voxels, density.astype(float), axis.astype(float))
 
 
-def with_density(voxels: Voxels, density: Array, axis: Array | None = None) -> Voxels:
+def with_density(voxels: OracleVoxels, density: Array, axis: Array | None = None) -> OracleVoxels:
     """Voxels of other densities, and axes if given, not rounded."""
     changed = replace(voxels)
     object.__setattr__(changed, "density", density)
@@ -54,13 +54,13 @@ def with_density(voxels: Voxels, density: Array, axis: Array | None = None) -> V
     return changed
 
 
-def some_change(voxels: Voxels) -> Array:
+def some_change(voxels: OracleVoxels) -> Array:
     """A change of the density of every voxel that has any."""
     return voxels.density * np.random.default_rng(7).uniform(0.2, 1.0, voxels.density.shape)
 
 
 def true_slopes(
-    boxes: list[Voxels], lamps: list[hg.Lamp], changes: list[Array], differences: dict[float, float] | None = None
+    boxes: list[OracleVoxels], lamps: list[hg.Lamp], changes: list[Array], differences: dict[float, float] | None = None
 ) -> tuple[Array, Array]:
     """Derivatives of radiance (rays,) and transmittance (rays,) in float64; differences: weights by their places."""
 
@@ -76,7 +76,7 @@ def true_slopes(
 
 
 def slopes(
-    boxes: list[Voxels], lamps: list[hg.Lamp], changes: list[Array], settings: hg.Settings
+    boxes: list[OracleVoxels], lamps: list[hg.Lamp], changes: list[Array], settings: hg.Settings
 ) -> tuple[Array, Array]:
     """What `RayMarch.derivative` gives of radiance and transmittance."""
     volume = tuple(voxels.box() for voxels in boxes)
@@ -108,7 +108,7 @@ def off(slope: Array, true: Array) -> float:
 
 
 @cache
-def ball_and_truth(depth: float, matter: hg.Reflectance) -> tuple[Voxels, Array, Array]:
+def ball_and_truth(depth: float, matter: hg.Reflectance) -> tuple[OracleVoxels, Array, Array]:
     """A soft ball, and its derivatives in float64."""
     ball = soft_ball(depth, matter)
     return ball, *true_slopes([ball], [DAYLIGHT], [some_change(ball)])

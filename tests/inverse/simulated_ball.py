@@ -17,7 +17,7 @@ FULL_WELL, READ_NOISE = 45_000.0, 10.0  # electrons
 
 
 @dataclass(frozen=True)
-class Truth:
+class BallMaterial:
     """Parameters of a material: alpha_body is α c_b per channel; interface_colour has mean 1.
 
     lobes: β and γ of further Gaussian lobes.

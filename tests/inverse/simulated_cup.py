@@ -55,7 +55,7 @@ def _nearer(best, normals, along, normal, meets, way):
 
 
 @dataclass(frozen=True)
-class Ball:
+class BallOnPlate:
     """A ball on a plate: its radius, and half of the plate's sides [m]. What it shades, it truly shades."""
 
     radius: float = 0.02
@@ -94,10 +94,10 @@ def dome(count=16, tilts=(25.0, 50.0), towards=(0.0, 0.0, 1.0)):
 
 
 @dataclass(frozen=True)
-class Seen:
+class SeenShape:
     """points and normals (h, w, 3) [m] at the middle of each pixel; known (h, w): all of whose nine rays meet it."""
 
-    shape: Cup | Ball
+    shape: Cup | BallOnPlate
     points: np.ndarray
     normals: np.ndarray
     known: np.ndarray
@@ -133,7 +133,7 @@ def photographed(shape, camera, lamps, seed=0, albedo=(0.5, 0.4, 0.3)):
         lit_by = (hg.Lamp(to_lamp=lamp, intensity=1.0),)
         photographs.append(hg.Photograph(values, variance, whole, camera, lit_by, f"lamp {number}"))
     centre = np.s_[1::3, 1::3]
-    seen = Seen(shape, points[centre], normals[centre], whole)
+    seen = SeenShape(shape, points[centre], normals[centre], whole)
     return hg.Capture(tuple(photographs), "cup"), seen
 
 

@@ -27,7 +27,7 @@ def pixels(fine):
 
 
 @dataclass(frozen=True)
-class Seen:
+class MirrorRays:
     """Rays that see one ball: on (h, w) bool, normal, place [m or px], to_eye (h, w, 3), all of fine rays."""
 
     on: np.ndarray
@@ -50,7 +50,7 @@ def seen_from_afar(shape, centre, radius):
     """A ball at `centre` (x, y) [px]: x right, y up, z to the camera."""
     x, y = np.moveaxis((fine_grid(*shape) - centre) / radius, -1, 0)
     normal = np.stack([x, -y, np.sqrt(np.maximum(1 - x**2 - y**2, 0))], axis=-1)
-    return Seen(x**2 + y**2 < 1, normal, radius * normal, np.array([0.0, 0.0, 1.0]))
+    return MirrorRays(x**2 + y**2 < 1, normal, radius * normal, np.array([0.0, 0.0, 1.0]))
 
 
 def seen_through(camera: Camera, centre, radius):
@@ -59,7 +59,7 @@ def seen_through(camera: Camera, centre, radius):
     along = ray @ (centre - eye)
     root = along**2 - np.sum((centre - eye) ** 2) + radius**2
     place = eye + ray * (along - np.sqrt(np.maximum(root, 0)))[..., None]
-    return Seen(root > 0, unit(place - centre), place, -ray)
+    return MirrorRays(root > 0, unit(place - centre), place, -ray)
 
 
 def mirror_photograph(

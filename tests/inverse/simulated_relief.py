@@ -16,7 +16,7 @@ from hagoromo.measurement.gloss.gloss_map import GlossMap
 from hagoromo.measurement.material.body_map import BodyMap
 from hagoromo.measurement.photographed import Photographed
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
-from tests.inverse.simulated_ball import Truth, reflected
+from tests.inverse.simulated_ball import BallMaterial, reflected
 
 HALF = (0.017, 0.015)  # m, half sides of the plate
 CELLS = 601  # of the table of its paint, along each side
@@ -27,7 +27,7 @@ GLOSS = (0.5, 0.25, 1.5)  # β [1/sr], γ [rad], n
 
 
 @dataclass(frozen=True)
-class Relief:
+class SimulatedRelief:
     """A relief. seed: of its shape and paint. patina: standard deviation of ln β over it, 0 for one gloss. What
     happened to discs (x, y, radius) [m]: fade: factors on the paint, flake: depth that is lost [m], polish: factor on
     β.
@@ -125,7 +125,7 @@ def relief_capture(relief, camera, lamps, seed, gloss=True):
     to_eye = camera.position - points
     to_eye /= np.linalg.norm(to_eye, axis=-1, keepdims=True)
     paint, beta = relief.paint(points[..., 0], points[..., 1]), relief.beta(points[..., 0], points[..., 1])
-    truth = Truth((0.0, 0.0, 0.0), 1.0 if gloss else 0.0, *GLOSS[1:])
+    truth = BallMaterial((0.0, 0.0, 0.0), 1.0 if gloss else 0.0, *GLOSS[1:])
     mask, photographs = _of_pixels(inside.astype(float)) > 0.999, []
     for number, lamp in enumerate(lamps):
         toward = np.broadcast_to(lamp, normals.shape)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 import hagoromo as hg
-from tests.inverse.simulated_ball import Truth, reflected
+from tests.inverse.simulated_ball import BallMaterial, reflected
 
 SIZE, LAMPS = 200, 12
 FOCAL, PIXEL = 1e5, 5e-4  # px and m: seen from afar
@@ -26,7 +26,7 @@ def vase(gloss=0.8, seed=0, size=SIZE):
     camera = hg.Camera(size, size, (FOCAL, FOCAL), (size / 2, size / 2)).look_at(
         (0.0, 0.0, FOCAL * PIXEL), (0.0, 0.0, 0.0), up=(0.0, 1.0, 0.0)
     )
-    truth, photographs = Truth((0.25, 0.2, 0.15), max(gloss, 1e-6), 0.15, 1.5), []
+    truth, photographs = BallMaterial((0.25, 0.2, 0.15), max(gloss, 1e-6), 0.15, 1.5), []
     for number in range(LAMPS):
         tilt, turn = np.radians(28.0 if number % 2 else 50.0), 2 * np.pi * number / LAMPS
         lamp = np.array([np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt)])

@@ -55,7 +55,7 @@ def mask(view: hg.Camera) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Marks:
+class BoardMarks:
     """Two places [m], and the board's corners."""
 
     one: tuple[float, float, float] = (0.03, -0.08, 0.0)

@@ -8,7 +8,7 @@ import pytest
 from hagoromo.measurement.material.body_map import body_map
 from hagoromo.measurement.material.estimate import estimate_material
 from hagoromo.measurement.observations import observe
-from tests.inverse.simulated_ball import Truth, simulate
+from tests.inverse.simulated_ball import BallMaterial, simulate
 
 LAMPS = ((-20, 10), (20, 10), (0, -30))
 BODY = (0.2, 0.15, 0.1)
@@ -19,7 +19,7 @@ def test_a_shadow_is_no_darker_body(seed):
     """Before, the bodies of such pixels came out between −0.1 and a half of the truth, with some seeds: whether a body
     colour per pixel was asked for at all hung on the noise. Real variation is kept.
     """
-    capture = simulate([Truth(BODY, 0.1, 0.2, 1.5)], seed, 31, angles=LAMPS)
+    capture = simulate([BallMaterial(BODY, 0.1, 0.2, 1.5)], seed, 31, angles=LAMPS)
     normals = np.asarray(capture.normals)
     inner = normals[..., 1] < -0.75  # lit by all lamps
     columns = np.nonzero(inner)[1]

@@ -7,8 +7,8 @@ from hagoromo.measurement.normals.normals import solve_normals
 from hagoromo.measurement.surface.cast_shadows import cast_shadows
 from hagoromo.measurement.surface.depth import surface_of
 from hagoromo.measurement.surface.horizon import height_over_horizon
-from tests.inverse.simulated_cup import AWAY, Ball, Cup, camera_above, dome, photographed
-from tests.inverse.simulated_relief import Relief, relief_camera, relief_capture
+from tests.inverse.simulated_cup import AWAY, BallOnPlate, Cup, camera_above, dome, photographed
+from tests.inverse.simulated_relief import SimulatedRelief, relief_camera, relief_capture
 from tests.inverse.simulated_relief import dome as over_a_relief
 
 TILTS = (20.0, 45.0, 65.0)  # ° of the lamps under which shadows are judged, from the line of sight
@@ -40,7 +40,7 @@ def errors(points, seen, camera):
 def solved(shape, elevation, size=60):
     up = np.radians(elevation)
     towards = np.array([0.0, -np.cos(up), np.sin(up)])
-    flat = isinstance(shape, Ball)
+    flat = isinstance(shape, BallOnPlate)
     camera = camera_above(elevation, size, 0.02 if flat else shape.tall, 0.05 if flat else 0.042)
     capture, seen = photographed(shape, camera, dome(16, towards=towards))
     normals = solve_normals(capture)
@@ -57,7 +57,7 @@ CASES = [
     pytest.param(Cup(), 20.0, id="cup 20", marks=pytest.mark.nightly),
     pytest.param(Cup(wall=0.003), 35.0, id="thin wall", marks=pytest.mark.nightly),
     pytest.param(Cup(tall=0.03), 35.0, id="low", marks=pytest.mark.nightly),
-    pytest.param(Ball(), 60.0, id="ball", marks=pytest.mark.nightly),
+    pytest.param(BallOnPlate(), 60.0, id="ball", marks=pytest.mark.nightly),
 ]
 
 
@@ -90,7 +90,7 @@ def test_steps_of_a_large_picture_are_where_its_own_pixels_show_them():
 def test_a_surface_without_steps_is_what_its_normals_give():
     """The same bits, whatever the photographs show of shadows."""
     camera = relief_camera(64)
-    capture = relief_capture(Relief(), camera, over_a_relief(), 0)
+    capture = relief_capture(SimulatedRelief(), camera, over_a_relief(), 0)
     normals = solve_normals(capture)
     shadows = cast_shadows(normals, normals.views.valid(capture.photographs))
     alone, both = (surface_of(normals, camera, 0.4, shadows=one) for one in (None, shadows))

@@ -15,7 +15,7 @@ from hagoromo.campaigns.significance import WIDTHS
 from hagoromo.files.exr import read_exr
 from hagoromo.light.colour import delta_e_2000
 from hagoromo.measurement.photographed import Photographed
-from tests.inverse.simulated_relief import Relief, dome, relief_camera, relief_capture, relief_measurement
+from tests.inverse.simulated_relief import SimulatedRelief, dome, relief_camera, relief_capture, relief_measurement
 
 SIZE = 48
 ELSEWHERE = pose_of(turned_about_axes((12.0, -30.0, 75.0)), (0.3, -0.1, 0.05))  # another world of the second date
@@ -26,7 +26,7 @@ AFTER = relief_camera(SIZE + 5, eye=(0.03, -0.02, 0.42), roll=12.0, target=(0.00
 
 def _changed(relief, seed=1, patina=0.0):
     """The change from the relief that nothing happened to, in another world and under another camera."""
-    before = relief_measurement(Relief(patina=patina), BEFORE, seed)
+    before = relief_measurement(SimulatedRelief(patina=patina), BEFORE, seed)
     return hg.change(before, relief_measurement(relief, AFTER, seed + 100, ELSEWHERE))
 
 
@@ -39,7 +39,7 @@ def _inside(change, quantity, disc):
 
 
 def test_the_same_object_in_another_world_shows_nothing():
-    change = _changed(Relief())
+    change = _changed(SimulatedRelief())
     assert not change.regions and not change.remarks[1:]
     # the truth: the relief was moved as a whole; registered to some thousandths of a pixel, in the error that is stated
     errors = np.linalg.norm(
@@ -51,7 +51,7 @@ def test_the_same_object_in_another_world_shows_nothing():
     assert change["shape"].unit == "µm" and max(change["colour"].significance.widening) < 1.5
 
 
-CHANGED = Relief(patina=0.4, fade={FADED: (1.042, 1.042, 1.042)}, flake={FLAKED: 1e-4}, polish={POLISHED: 2.0})
+CHANGED = SimulatedRelief(patina=0.4, fade={FADED: (1.042, 1.042, 1.042)}, flake={FLAKED: 1e-4}, polish={POLISHED: 2.0})
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +78,7 @@ def test_what_changed_is_found_where_it_did(changed, quantity, disc, truth):
 def test_the_map_of_colours_holds_the_true_difference(changed):
     points = changed.before.points
     core = np.hypot(points[..., 0] - FADED[0], points[..., 1] - FADED[1]) < FADED[2] - 2.0 * changed.before.pitch
-    painted = np.pi * Relief().paint(points[core][:, 0], points[core][:, 1])
+    painted = np.pi * SimulatedRelief().paint(points[core][:, 0], points[core][:, 1])
     truth = delta_e_2000(painted, 1.042 * painted)
     ((label, value),) = changed["colour"].value.items()
     error = changed["colour"].error[label][core]
@@ -110,7 +110,7 @@ def test_the_page_has_maps_of_all_quantities(changed, tmp_path):
 @pytest.mark.nightly
 def test_errors_that_are_stated_hold_over_many_seeds():
     """Of 30 pairs without a change at most 5 may show one: the binomial's 99.6 % quantile at a rate of 5 %."""
-    some = [bool(_changed(Relief(), seed).regions) for seed in range(2, 32)]
+    some = [bool(_changed(SimulatedRelief(), seed).regions) for seed in range(2, 32)]
     assert sum(some) <= 5
 
 
@@ -124,8 +124,8 @@ def _refusal(before, after, **settings):
 @pytest.mark.nightly
 def test_the_command_reads_what_measure_wrote(tmp_path, capsys):
     folders = [tmp_path / name for name in ("first", "second")]
-    relief_measurement(Relief(), BEFORE, 1).save(folders[0])
-    relief_measurement(Relief(flake={FLAKED: 1e-4}), AFTER, 2, ELSEWHERE).save(folders[1])
+    relief_measurement(SimulatedRelief(), BEFORE, 1).save(folders[0])
+    relief_measurement(SimulatedRelief(flake={FLAKED: 1e-4}), AFTER, 2, ELSEWHERE).save(folders[1])
     assert main(["change", *map(str, folders), "--out", str(tmp_path / "out")]) == 0
     assert "regions that changed" in (said := capsys.readouterr().out) and "µm" in said
     assert main(["change", str(folders[0]), str(tmp_path), "--out", str(tmp_path / "none")]) == 2
@@ -135,13 +135,13 @@ def test_the_command_reads_what_measure_wrote(tmp_path, capsys):
 
 @pytest.mark.nightly
 def test_two_objects_are_refused():
-    other = relief_measurement(Relief(seed=9), AFTER, 2)
-    assert "two different objects" in _refusal(relief_measurement(Relief(), BEFORE, 1), other)
+    other = relief_measurement(SimulatedRelief(seed=9), AFTER, 2)
+    assert "two different objects" in _refusal(relief_measurement(SimulatedRelief(), BEFORE, 1), other)
 
 
 def test_measurements_that_cannot_be_compared_are_refused():
-    before = relief_measurement(Relief(), BEFORE, 1)
-    assert "states no errors" in _refusal(before, relief_measurement(Relief(), AFTER, 2, errors=False))
+    before = relief_measurement(SimulatedRelief(), BEFORE, 1)
+    assert "states no errors" in _refusal(before, relief_measurement(SimulatedRelief(), AFTER, 2, errors=False))
     assert "number between 0 and 1" in _refusal(before, before, rate=0.0)
     assert "response of the cameras is not known" in _refusal(before, before, lamps=("A",))
     assert "points.exr" in _refusal(replace(before, points=None), before)
@@ -149,24 +149,26 @@ def test_measurements_that_cannot_be_compared_are_refused():
 
 @pytest.mark.nightly
 def test_parts_that_do_not_overlap_are_refused():
-    before = relief_measurement(Relief(), BEFORE, 1)
+    before = relief_measurement(SimulatedRelief(), BEFORE, 1)
     aside = relief_camera(SIZE, eye=(0.012, 0.0, 0.1), target=(0.012, 0.0, 0.0))
     assert before.points is not None
     left = replace(before, labels=np.where(before.points[..., 0] < -0.004, before.labels, -1))
-    assert "overlap" in _refusal(left, relief_measurement(Relief(), aside, 3))
+    assert "overlap" in _refusal(left, relief_measurement(SimulatedRelief(), aside, 3))
 
 
-MENDED = Relief(fade={(0.01, 0.0, 0.012): (0.7, 0.8, 0.9)})  # nearly half of it was painted over
+MENDED = SimulatedRelief(fade={(0.01, 0.0, 0.012): (0.7, 0.8, 0.9)})  # nearly half of it was painted over
 
 
 def test_an_object_that_was_mended_between_is_doubted():
-    said = _refusal(relief_measurement(Relief(), BEFORE, 1), relief_measurement(MENDED, AFTER, 2))
+    said = _refusal(relief_measurement(SimulatedRelief(), BEFORE, 1), relief_measurement(MENDED, AFTER, 2))
     assert "mended" in said and "colour differs in most places" in said and "--doubted" in said
 
 
 @pytest.mark.nightly
 def test_a_doubted_comparison_says_what_is_doubted():
-    change = hg.change(relief_measurement(Relief(), BEFORE, 1), relief_measurement(MENDED, AFTER, 2), doubted=True)
+    change = hg.change(
+        relief_measurement(SimulatedRelief(), BEFORE, 1), relief_measurement(MENDED, AFTER, 2), doubted=True
+    )
     assert change.remarks[0].startswith("doubted") and "colour" in {one.quantity for one in change.regions}
 
 
@@ -174,8 +176,8 @@ def test_a_doubted_comparison_says_what_is_doubted():
 def test_without_a_scale_lengths_are_pixels():
     """A measurement whose camera stands at the world's origin, without a stated distance, has no metres."""
     to_camera = BEFORE.world_to_camera
-    before = relief_measurement(Relief(), BEFORE, 1, to_camera)
-    after = relief_measurement(Relief(flake={FLAKED: 1e-4}), AFTER, 2, AFTER.world_to_camera)
+    before = relief_measurement(SimulatedRelief(), BEFORE, 1, to_camera)
+    after = relief_measurement(SimulatedRelief(flake={FLAKED: 1e-4}), AFTER, 2, AFTER.world_to_camera)
     change = hg.change(before, after)
     assert change["shape"].unit == "px" and "pixels" in change.assumptions[-1]
     (region,) = [one for one in change.regions if one.quantity == "shape" and one.number == 1]
@@ -196,7 +198,7 @@ def _seen_by_two_cameras():
     """Greys of spectra that are flat, so that no metamerism is between the cameras."""
     measurements = []
     for name, lamp, seed in (("canon_eos_300d", "D65", 1), ("Nikon 5100 (NPL)", "A", 2)):
-        made = relief_measurement(Relief(), BEFORE if seed == 1 else AFTER, seed)
+        made = relief_measurement(SimulatedRelief(), BEFORE if seed == 1 else AFTER, seed)
         assert made.body is not None and made.photographed is not None
         response, spectrum = hg.Response.load(name), hg.Spectrum.named(lamp)
         grey = np.repeat(np.asarray(made.body.value, np.float64)[..., 1:2], 3, axis=2)  # of each channel's white
@@ -217,11 +219,11 @@ def _measured(capture):
 @pytest.mark.nightly
 def test_what_measure_gives_of_two_dates():
     """From photographs, with other lamps, another camera, other noise: nothing; then a faded spot and a flake."""
-    before = _measured(relief_capture(Relief(), relief_camera(), dome(), 1, gloss=False))
+    before = _measured(relief_capture(SimulatedRelief(), relief_camera(), dome(), 1, gloss=False))
     camera, lamps = relief_camera(eye=(0.03, -0.02, 0.42), roll=12.0, target=(0.001, 0.0005, 0.0)), dome(14, 9.0)
-    same = hg.change(before, _measured(relief_capture(Relief(), camera, lamps, 2, gloss=False)))
+    same = hg.change(before, _measured(relief_capture(SimulatedRelief(), camera, lamps, 2, gloss=False)))
     assert not same.regions
-    relief = Relief(fade={FADED: (1.042, 1.042, 1.042)}, flake={FLAKED: 1e-4})
+    relief = SimulatedRelief(fade={FADED: (1.042, 1.042, 1.042)}, flake={FLAKED: 1e-4})
     change = hg.change(before, _measured(relief_capture(relief, camera, lamps, 3, gloss=False)))
     reach = WIDTHS[-1] * change.before.pitch
     right = {disc: _inside(change, "colour", (*disc[:2], disc[2] + reach))[0] for disc in (FADED, FLAKED)}
@@ -234,9 +236,9 @@ def test_what_measure_gives_of_two_dates():
 
 @pytest.mark.nightly
 def test_a_polished_spot_of_a_patina_is_found_from_photographs():
-    before = _measured(relief_capture(Relief(patina=0.4), relief_camera(), dome(), 1))
+    before = _measured(relief_capture(SimulatedRelief(patina=0.4), relief_camera(), dome(), 1))
     camera, lamps = relief_camera(eye=(0.03, -0.02, 0.42), roll=12.0, target=(0.001, 0.0005, 0.0)), dome(14, 9.0)
-    after = _measured(relief_capture(Relief(patina=0.4, polish={POLISHED: 2.0}), camera, lamps, 5))
+    after = _measured(relief_capture(SimulatedRelief(patina=0.4, polish={POLISHED: 2.0}), camera, lamps, 5))
     change = hg.change(before, after)
     pitch = change.before.pitch
     assert _inside(change, "gloss", (*POLISHED[:2], POLISHED[2] + WIDTHS[-1] * pitch))[0] > 0.95

@@ -11,7 +11,7 @@ from hagoromo.app.cli import main
 from hagoromo.camera.pose import pose_of, turned_about_axes
 from hagoromo.least_squares.loss import NORMAL_95
 from hagoromo.measurement.surface.depth import surface_from_normals
-from tests.inverse.simulated_relief import Relief, places, relief_camera, relief_measurement
+from tests.inverse.simulated_relief import SimulatedRelief, places, relief_camera, relief_measurement
 
 SIZE, TURN = 64, 0.003  # px, rad
 FLAKED = (-0.006, 0.003, 0.0035)
@@ -21,7 +21,7 @@ BEFORE = relief_camera(SIZE)
 AFTER = relief_camera(SIZE + 5, eye=(0.03, -0.02, 0.42), roll=12.0, target=(0.001, 0.0005, 0.0))
 
 
-class Worn(Relief):
+class Worn(SimulatedRelief):
     """With edges over 2 mm: normals of pixels 0.6 mm wide show no steeper step."""
 
     def _inside(self, disc, x, y):
@@ -53,7 +53,7 @@ def integrated(relief, camera, seed, moved=None):
 def section(relief, seed=1):
     """Of a relief in another world and under another camera, against the one that nothing happened to."""
     later = integrated(relief, AFTER, seed + 50, ELSEWHERE)
-    found = hg.change(integrated(Relief(), BEFORE, seed), later, line=LINE).section
+    found = hg.change(integrated(SimulatedRelief(), BEFORE, seed), later, line=LINE).section
     assert found is not None
     return found
 
@@ -65,7 +65,7 @@ def test_a_flake_is_found_along_the_line():
     points = found.before.image
     camera = BEFORE
     x, y = ((points[:, k] - SIZE / 2) * 0.4 / camera.focal[0] for k in (0, 1))
-    truth = 1e3 * (relief.height(x, -y) - Relief().height(x, -y))  # mm; 0 at both ends
+    truth = 1e3 * (relief.height(x, -y) - SimulatedRelief().height(x, -y))  # mm; 0 at both ends
     deep = truth < -0.05
     assert found.unit == "mm" and found.significant[deep].all() and deep.sum() > 5
     between = found.error > 0.0
@@ -76,14 +76,14 @@ def test_a_flake_is_found_along_the_line():
 @pytest.mark.nightly
 def test_the_same_object_shows_nothing_beyond_one_place_in_twenty():
     """Over 20 pairs; a line errs alike along itself, so that their mean share is known to 3 %."""
-    shares = [section(Relief(), seed).significant.mean() for seed in range(1, 21)]
+    shares = [section(SimulatedRelief(), seed).significant.mean() for seed in range(1, 21)]
     assert np.mean(shares) < 0.05 + 0.03
 
 
 @pytest.mark.nightly
 def test_command_and_page_have_the_section(tmp_path, capsys):
     folders = [tmp_path / name for name in ("first", "second")]
-    integrated(Relief(), BEFORE, 1).save(folders[0])
+    integrated(SimulatedRelief(), BEFORE, 1).save(folders[0])
     integrated(Worn(flake={FLAKED: 1e-4}), AFTER, 2, ELSEWHERE).save(folders[1])
     line = ["--line", *(f"{one:g}" for one in LINE)]
     assert main(["change", *map(str, folders), *line, "--out", str(tmp_path / "out")]) == 0
@@ -97,6 +97,6 @@ def test_command_and_page_have_the_section(tmp_path, capsys):
 
 
 def test_a_line_beside_the_picture_is_refused_before_the_work():
-    before = relief_measurement(Relief(), BEFORE, 1)
+    before = relief_measurement(SimulatedRelief(), BEFORE, 1)
     with pytest.raises(hg.InputError, match="leaves the picture"):
         hg.change(before, before, line=(8.0, 25.0, 400.0, 31.0))

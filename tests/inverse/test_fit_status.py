@@ -26,9 +26,9 @@ from hagoromo.measurement.robust_fit import minimise
 from hagoromo.measurement.surface import shape as near_shape
 from hagoromo.reflectance.material.materials_file import read_materials, write_materials
 from hagoromo.reflectance.spectra import spectrum_estimate
-from studies.near_rig import SURFACE_DISTANCE, Look, ring_rig, sphere
+from studies.near_rig import SURFACE_DISTANCE, Finish, ring_rig, sphere
 from studies.near_rig import simulate as near_capture
-from tests.inverse.simulated_ball import Truth, simulate
+from tests.inverse.simulated_ball import BallMaterial, simulate
 from tests.inverse.simulated_mirror import mirror_photograph
 from tests.inverse.test_gloss_map import BETA, BODY, GAMMA, N, all_of, lamps
 from tests.inverse.test_near_lamps import NEAR, RADIUS, balls, rays
@@ -39,7 +39,7 @@ ALL = np.zeros((SIZE, SIZE), int)
 
 
 def ball(beta, gamma, seed):
-    return simulate([Truth(BODY, beta, gamma, N)], seed, SIZE, angles=lamps(24))
+    return simulate([BallMaterial(BODY, beta, gamma, N)], seed, SIZE, angles=lamps(24))
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +69,7 @@ def test_a_profile_that_does_not_converge_is_remarked_and_read_back(glossy, monk
 
 def test_a_texture_whose_fit_fails_is_remarked(monkeypatch):
     rows, columns = np.mgrid[:SIZE, :SIZE]
-    capture = simulate([Truth(BODY, 0.4, 0.2, N)], 3, SIZE, angles=lamps(6))
+    capture = simulate([BallMaterial(BODY, 0.4, 0.2, N)], 3, SIZE, angles=lamps(6))
     paint = (1.0 + 0.3 * np.sin(rows) * np.cos(columns))[..., None]
     painted = [replace(p, values=(p.values * paint).astype(np.float32)) for p in capture.photographs]
     capture = replace(capture, photographs=tuple(painted))
@@ -115,7 +115,7 @@ def test_most_normals_converge_within_their_steps(glossy):
 
 def test_a_surface_under_near_lamps_that_still_moves_is_remarked(monkeypatch):
     monkeypatch.setattr(near_shape, "SHAPE_ROUNDS", 1)
-    capture, _ = near_capture(ring_rig(31, 29, 5), sphere, Look(0.2), bits=10)
+    capture, _ = near_capture(ring_rig(31, 29, 5), sphere, Finish(0.2), bits=10)
     found = near_shape.solve_shape(replace(capture, points=None, normals=None), SURFACE_DISTANCE)
     assert found.status.status == Status.OUT_OF_STEPS and found.rounds == 1
     remarks = measurement_of(capture, found.normal_map).materials[0].remarks

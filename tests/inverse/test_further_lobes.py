@@ -20,7 +20,7 @@ from studies.glossy_objects import GLOSSY, glossy_object
 HELD = 4  # the lamp that is left out
 
 
-def solved(capture: hg.Capture, normals: np.ndarray, gloss: glossy_objects.Gloss) -> tuple[hg.Views, Fit]:
+def solved(capture: hg.Capture, normals: np.ndarray, gloss: glossy_objects.TrueGloss) -> tuple[hg.Views, Fit]:
     """The fit of one lobe as the photometric fit gives it: true normals, exponent and haze."""
     views = hg.views_from_capture(capture)
     beta, gamma = gloss.haze
@@ -88,7 +88,7 @@ def test_lobes_are_measured_within_their_intervals(haze, spike, monkeypatch, tmp
     """Normals 0.15° off, as stated. As many lobes as there are, β and γ of each in its interval, which is no wider than
     a factor of 2 in β and 1.4 in γ. Tails and a colour, which one lobe seems to have, are given up. Files keep it all.
     """
-    monkeypatch.setitem(GLOSSY, "waxed", glossy_objects.Gloss(0.05, haze, spike))
+    monkeypatch.setitem(GLOSSY, "waxed", glossy_objects.TrueGloss(0.05, haze, spike))
     capture, normals = glossy_object("waxed", 7, size=64)
     views, fit = solved(capture, normals, GLOSSY["waxed"])
     tilt = np.radians(0.15) / np.sqrt(2.0) * np.random.default_rng(0).normal(size=(len(fit.normals), 2))

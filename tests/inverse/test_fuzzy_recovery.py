@@ -10,7 +10,7 @@ import hagoromo as hg
 from hagoromo.recovery.export import conserving
 from hagoromo.recovery.fuzzy_moves import LEAST
 from studies.fuzzy_scenes import down, fuzzy_simulated
-from studies.recover_scenes import Truth, shots, simulated
+from studies.recover_scenes import TrueObject, shots, simulated
 from studies.recovery import psnr
 
 SETTINGS = hg.RecoverySettings(side=20, steps=24, rays=1 << 12, keep=0, errors=False, matter="fuzzy")
@@ -77,7 +77,7 @@ def test_the_better_law_is_chosen(taken):
     assert found.matter == "fuzzy"
     tried = found.record()["matter_tried_db"]
     assert tried["fuzzy"] > tried["surface"] + 0.5
-    hard = simulated(Truth(), shots(12, 5, 60, 1, pixels=40), 1)
+    hard = simulated(TrueObject(), shots(12, 5, 60, 1, pixels=40), 1)
     assert hg.recover(hard.capture, quick).matter == "surface"
 
 

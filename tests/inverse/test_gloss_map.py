@@ -14,7 +14,7 @@ from hagoromo.measurement.observations import Pixels, known_shape, observe_pixel
 from hagoromo.measurement.photometric.gloss_posterior import GlossLaw
 from hagoromo.reflectance.material.materials_file import read_materials
 from hagoromo_page.report.measure_report import write_measure_report
-from tests.inverse.simulated_ball import FULL_WELL, Truth, simulate
+from tests.inverse.simulated_ball import FULL_WELL, BallMaterial, simulate
 
 SIZE, N = 41, 1.5
 BODY = (0.20, 0.15, 0.10)
@@ -35,7 +35,7 @@ def lamps(count):
 
 
 def ball(beta, gamma, seed, count=24, full_well=FULL_WELL):
-    return simulate([Truth(BODY, beta, gamma, N)], seed, SIZE, angles=lamps(count), full_well=full_well)
+    return simulate([BallMaterial(BODY, beta, gamma, N)], seed, SIZE, angles=lamps(count), full_well=full_well)
 
 
 def even(seed, count=24, full_well=FULL_WELL):

@@ -12,7 +12,7 @@ from hagoromo.recovery.mixed_gloss import mixed_gloss
 from hagoromo.recovery.share_step import SHARE_EVENNESS, SLOW, ShareSteps
 from hagoromo.reflectance.facets import facet_density_at
 from studies.gloss_recovery import Glaze, halves
-from studies.recover_scenes import Truth, shots, simulated
+from studies.recover_scenes import TrueObject, shots, simulated
 from studies.recovery_scores import box_psnr, psnr
 
 SETTINGS = hg.RecoverySettings(side=32, steps=80, keep=0, errors=False, gloss="places")
@@ -139,7 +139,7 @@ def test_auto_takes_the_gloss_of_places_where_photographs_show_it():
     settings = hg.RecoverySettings(side=48, keep=0, errors=False, gloss="auto")
     two = simulated(Glaze(halves), shots(36, 5, 60, 1, pixels=160), 1)
     assert hg.recover(two.capture, settings).shares is not None
-    even = simulated(Truth(), shots(24, 5, 60, 1, pixels=64), 1)
+    even = simulated(TrueObject(), shots(24, 5, 60, 1, pixels=64), 1)
     found = hg.recover(even.capture, settings)
     assert found.shares is None and set(found.record()["gloss_tried_db"]) == {"one", "places"}
 

@@ -9,9 +9,9 @@ from hagoromo.measurement.gloss.gloss_segment import split_by_gloss
 from hagoromo.measurement.known_shape import measure_known_shape
 from hagoromo.measurement.material.segment import segment
 from hagoromo.measurement.observations import known_shape
-from tests.inverse.simulated_ball import LAMPS, Truth, reflected, simulate
+from tests.inverse.simulated_ball import LAMPS, BallMaterial, reflected, simulate
 
-RED = Truth((0.20, 0.15, 0.10), 0.5, 0.15, 1.5)
+RED = BallMaterial((0.20, 0.15, 0.10), 0.5, 0.15, 1.5)
 SIZE = 101
 SEVEN = ((35, 20), (80, -15), (130, 10), (-40, 30), (-75, -10), (10, 60), (-120, 5))
 LEFT = np.repeat([0, 1], [50, 51])[None, :] * np.ones((SIZE, 1), int)

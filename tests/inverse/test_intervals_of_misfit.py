@@ -19,7 +19,7 @@ from hagoromo.measurement.normals.own_gloss import OWN, OwnGloss
 from hagoromo.measurement.parameters import pack_theta
 from studies.coverage_bench import BENCHES, ball, drawn, exposed, observed
 from tests.inverse import simulated_ball
-from tests.inverse.simulated_ball import Truth, simulate
+from tests.inverse.simulated_ball import BallMaterial, simulate
 
 LAMPS = tuple((azimuth, elevation) for azimuth in (-45, -15, 15, 45) for elevation in (-30, 10, 45))
 BODY, SIZE = (0.2, 0.15, 0.1), 31
@@ -37,7 +37,7 @@ def photographed(monkeypatch, haze, spike=None):
             return one(normal, to_lamp, to_eye, truth) + one(normal, to_lamp, to_eye, alone)
 
         monkeypatch.setattr(simulated_ball, "reflected", two)
-    return simulate([Truth(BODY, haze[0], haze[1], 1.5)], 2, SIZE, angles=LAMPS)
+    return simulate([BallMaterial(BODY, haze[0], haze[1], 1.5)], 2, SIZE, angles=LAMPS)
 
 
 def effective(*lobes):

@@ -11,7 +11,7 @@ from hagoromo.measurement.material.lack_of_fit import LEVEL, lack_of_fit
 from hagoromo.measurement.material.material_fit import fit_material
 from hagoromo.measurement.material.material_objective import expected
 from hagoromo.measurement.parameters import pack_theta
-from studies.coverage_bench import BALL_PIXELS, BENCHES, Truth, ball, drawn, exposed, observed
+from studies.coverage_bench import BALL_PIXELS, BENCHES, TrueMaterial, ball, drawn, exposed, observed
 from studies.goniometer import goniometer, readings
 from tests.judges import alarms_are_rare
 
@@ -63,7 +63,7 @@ def test_facets_of_ggx_are_told():
 
 
 def test_what_is_wrong_stands_in_the_result():
-    paint = Truth(np.array([0.2, 0.15, 0.1]), 0.6, 0.2, 1.5)
+    paint = TrueMaterial(np.array([0.2, 0.15, 0.1]), 0.6, 0.2, 1.5)
     found = estimate_material(ggx(np.random.default_rng(1), paint), "paint", 1, facets="gaussian")
     assert found.lack_of_fit is not None and found.lack_of_fit["rejected"]
     assert any("lack of fit" in remark for remark in found.remarks)

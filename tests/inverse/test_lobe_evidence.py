@@ -27,11 +27,11 @@ KNOWN_NORMALS = np.radians(0.15) ** 2  # rad²
 def ball(spike=SPIKE, lamps: int = 8, clipped: float = 99.0) -> tuple[hg.Capture, hg.Views, Fit]:
     """A glossy object, all highlights of whose spike are clipped or fall between the lamps, and the fit of its haze."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(GLOSSY, "clipped", glossy_objects.Gloss(0.0, HAZE, spike))
+        patch.setitem(GLOSSY, "clipped", glossy_objects.TrueGloss(0.0, HAZE, spike))
         patch.setattr(glossy_objects, "CLIPPED_SHARE", clipped)
         patch.setattr(glossy_objects, "LAMPS", lamps)
         capture, normals = glossy_object("clipped", 0, size=36)
-    views, fit = solved(capture, normals, glossy_objects.Gloss(0.0, HAZE, spike))
+    views, fit = solved(capture, normals, glossy_objects.TrueGloss(0.0, HAZE, spike))
     return capture, views, replace(fit, variance=np.full(len(fit.normals), KNOWN_NORMALS))
 
 

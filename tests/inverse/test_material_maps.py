@@ -13,9 +13,9 @@ from hagoromo.measurement.material.material_fit import fit_material
 from hagoromo.measurement.material.material_objective import AlbedoVariationObjective
 from hagoromo.measurement.observations import known_shape, observe
 from hagoromo.reflectance.material.materials_file import read_materials
-from tests.inverse.simulated_ball import FULL_WELL, READ_NOISE, Truth, simulate
+from tests.inverse.simulated_ball import FULL_WELL, READ_NOISE, BallMaterial, simulate
 
-RED = Truth((0.20, 0.15, 0.10), 0.5, 0.15, 1.5)
+RED = BallMaterial((0.20, 0.15, 0.10), 0.5, 0.15, 1.5)
 ANGLES = ((35, 20), (80, -15), (130, 10), (-40, 30), (-75, -10))
 SIZE = 47
 ALL = np.zeros((SIZE, SIZE), int)

@@ -24,12 +24,12 @@ from hagoromo.measurement.sight import sight_of
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.reflectance.material.materials_file import read_materials, write_materials
-from tests.inverse.simulated_ball import LAMPS, Truth, simulate
+from tests.inverse.simulated_ball import LAMPS, BallMaterial, simulate
 
 PARAMETERS = ("alpha", "beta", "gamma", "n")
 OF_THE_INTERFACE = ("beta", "gamma", "n", "nu", "interface_colour")
-RED = Truth((0.20, 0.15, 0.10), 0.5, 0.15, 1.5)
-BLUE = Truth((0.06, 0.15, 0.10), 0.3, 0.25, 1.4)
+RED = BallMaterial((0.20, 0.15, 0.10), 0.5, 0.15, 1.5)
+BLUE = BallMaterial((0.06, 0.15, 0.10), 0.3, 0.25, 1.4)
 HALVES = np.repeat([0, 1], [36, 37])[:, None] * np.ones((1, 73), int)
 
 

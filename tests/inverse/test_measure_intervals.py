@@ -7,7 +7,7 @@ from hagoromo.measurement.known_shape import measure_known_shape
 from hagoromo.measurement.material.lamp_colour import lamp_colour
 from hagoromo.measurement.material.model_choice import Facets
 from hagoromo.measurement.material.sandwich import inverse_over
-from tests.inverse.simulated_ball import Truth, simulate
+from tests.inverse.simulated_ball import BallMaterial, simulate
 from tests.judges import intervals_hold, mean_is
 
 PARAMETERS = ("alpha", "beta", "gamma", "n")
@@ -15,7 +15,7 @@ PARAMETERS = ("alpha", "beta", "gamma", "n")
 
 def drawn(random):
     """A material of the realistic ranges: β 0.05–1, γ 0.06–0.4 rad, n 1.3–1.7, body albedo 0.1–0.8 per channel."""
-    return Truth(
+    return BallMaterial(
         tuple(random.uniform(0.1, 0.8, 3) / np.pi),
         np.exp(random.uniform(np.log(0.05), 0.0)),
         np.exp(random.uniform(np.log(0.06), np.log(0.4))),
@@ -106,7 +106,7 @@ def test_weights_do_not_pull_towards_low_values():
 def test_lamp_colour_is_within_its_standard_error():
     """150 captures: 1.96 standard errors hold the truth 95 times in 100; 3 standard deviations of that are 5.3."""
     white, labels = np.array([1.3, 1.0, 0.7]), np.repeat([0, 1], [36, 37])[:, None] * np.ones((1, 73), int)
-    truths = (Truth((0.20, 0.15, 0.10), 0.5, 0.15, 1.5), Truth((0.06, 0.15, 0.10), 0.3, 0.25, 1.4))
+    truths = (BallMaterial((0.20, 0.15, 0.10), 0.5, 0.15, 1.5), BallMaterial((0.06, 0.15, 0.10), 0.3, 0.25, 1.4))
     held = []
     for seed in range(150):
         found = lamp_colour(simulate(truths, seed, size=73, labels=labels, white=white), labels)

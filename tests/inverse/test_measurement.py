@@ -10,10 +10,10 @@ from hagoromo.app.cli import main
 from hagoromo.errors import InputError
 from hagoromo.files.exr import read_exr
 from hagoromo.photograph.capture import save_capture
-from studies.near_rig import SURFACE_DISTANCE, Look, ring_rig, simulate, sphere
+from studies.near_rig import SURFACE_DISTANCE, Finish, ring_rig, simulate, sphere
 from tests.inverse import simulated_ball
 
-TRUTH = simulated_ball.Truth((0.20, 0.15, 0.10), 0.5, 0.15, 1.5)
+TRUTH = simulated_ball.BallMaterial((0.20, 0.15, 0.10), 0.5, 0.15, 1.5)
 SCRIPT = "<script>alert('a material')</script>"
 # As in the tutorial the camera stands at the world's origin and the shape is not known.
 SCENE = """
@@ -98,7 +98,7 @@ def test_the_call_is_the_command_for_far_lamps_and_the_camera_at_the_origin(far)
 
 def test_near_lamps_give_points_as_well(tmp_path):
     """Near lamps correct the first guess of the distance: within 2 % from a guess that is 3 % off."""
-    capture, truth = simulate(ring_rig(29, 23, 5), sphere, Look(0.3), bits=10)
+    capture, truth = simulate(ring_rig(29, 23, 5), sphere, Finish(0.3), bits=10)
     measurement = hg.measure(capture, distance=1.03 * SURFACE_DISTANCE)
     assert measurement.points is not None and measurement.distance_variance is not None
     known = (measurement.labels >= 0) & (truth.labels >= 0)
@@ -174,6 +174,6 @@ def test_a_parameter_that_is_not_identifiable_says_so(known):
 
 
 def test_solved_normals_and_shapes_print_in_a_few_words():
-    capture, _ = simulate(ring_rig(29, 23, 5), sphere, Look(0.3), bits=10)
+    capture, _ = simulate(ring_rig(29, 23, 5), sphere, Finish(0.3), bits=10)
     shape = hg.solve_shape(capture, SURFACE_DISTANCE)
     assert "29 × 23 px" in repr(shape.normal_map) and len(repr(shape)) < 200

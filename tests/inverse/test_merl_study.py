@@ -24,7 +24,7 @@ def study(monkeypatch, tmp_path):
         if name == "c" and fitted.count("c") == 1 and stop:
             fitted.append("stop")
         error = {method: float(random.random()) for method in merl.METHODS}
-        return merl.Row(kind, name, error, False, 0.5, 0.01, None, tuple(random.random(3).tolist()))
+        return merl.MerlRow(kind, name, error, False, 0.5, 0.01, None, tuple(random.random(3).tolist()))
 
     stop: list[bool] = []
     monkeypatch.setattr(merl, "study", row)

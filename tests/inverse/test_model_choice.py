@@ -22,7 +22,7 @@ from studies.coverage_bench import BENCHES, ball, drawn, exposed, observed
 from studies.goniometer import cosines_of, goniometer, readings
 from studies.merl_rival import Rival, fit_rival
 from studies.merl_rival import torrance_sparrow as interface_in_numpy
-from tests.inverse.simulated_ball import Truth, simulate
+from tests.inverse.simulated_ball import BallMaterial, simulate
 from tests.judges import alarms_are_rare
 
 BODY = np.array([0.12, 0.09, 0.06])
@@ -150,7 +150,7 @@ def test_models_that_are_asked_for_are_fitted():
 
 def test_a_capture_is_measured_with_its_tails_and_its_file_holds_them(tmp_path):
     """The photographs are predicted to 1 % of their brightest value, gloss map and parts of light included."""
-    truth = Truth(tuple(BODY), 0.3, 0.12, 1.5, 1.5, tuple(GOLD))
+    truth = BallMaterial(tuple(BODY), 0.3, 0.12, 1.5, 1.5, tuple(GOLD))
     capture = simulate([truth], 3, size=41)
     measured = measure_known_shape(capture, labels=np.zeros((41, 41), int))
     (found,) = measured.materials

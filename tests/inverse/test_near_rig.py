@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hagoromo.measurement.surface.shape import SolvedShape, solve_shape
-from studies.near_rig import SURFACE_DISTANCE, Look, exact, read_rig, ring_rig, simulate, sphere, waves
+from studies.near_rig import SURFACE_DISTANCE, Finish, exact, read_rig, ring_rig, simulate, sphere, waves
 from tests.data import DATA, real_data
 
 LEDS = DATA / "near_ps_leds"
@@ -35,7 +35,7 @@ def test_a_step_that_no_normal_shows_is_measured_by_near_lamps():
 
     1 % of 0.7 m is a quarter of the step. The distance given is off by 4 %, which the photographs must mend.
     """
-    capture, truth = simulate(ring_rig(96, 80), waves, Look(0.2), bits=10)
+    capture, truth = simulate(ring_rig(96, 80), waves, Finish(0.2), bits=10)
     shape = solve_shape(capture, 1.04 * SURFACE_DISTANCE)
     seen, off = shape.normal_map.views, errors(shape, truth)
     assert off.mean() < GOAL
@@ -56,5 +56,5 @@ def test_a_step_that_no_normal_shows_is_measured_by_near_lamps():
 @pytest.mark.parametrize("depth", [sphere, waves])
 def test_normals_under_the_calibrated_leds(depth, gamma):
     """The eight LEDs as they were calibrated; the narrowest and the widest highlight, 8 bits, light between parts."""
-    capture, truth = simulate(read_rig(LEDS), depth, Look(gamma, interreflection=True), bits=8)
+    capture, truth = simulate(read_rig(LEDS), depth, Finish(gamma, interreflection=True), bits=8)
     assert errors(solve_shape(capture, 0.96 * SURFACE_DISTANCE), truth).mean() < GOAL

@@ -10,7 +10,7 @@ from hagoromo.app.cli import main
 from hagoromo.camera import camera as unplaced
 from hagoromo.camera.camera import unplaced_camera
 from hagoromo.files.exr import read_exr
-from tests.inverse.simulated_ball import Truth, reflected
+from tests.inverse.simulated_ball import BallMaterial, reflected
 
 SIZE, SMALL, RADIUS, PLACES = 61, 33, 0.24, (-0.25, 0.25)  # px; in sides of the picture
 FULL_WELL, READ_NOISE = 36_000.0, 4.0  # electrons
@@ -32,7 +32,7 @@ def four_balls(size=SIZE):
         lamp = np.array([np.sin(azimuth) * np.cos(elevation), np.sin(elevation), np.cos(azimuth) * np.cos(elevation)])
         to_lamp, to_eye = (np.broadcast_to(one, seen.shape) for one in (lamp, TO_EYE))
         clean = np.zeros((size, size, 3))
-        clean[mask] = np.maximum(reflected(seen, to_lamp, to_eye, Truth((0.2, 0.15, 0.1), 0.5, 0.15, 1.5)), 0.0)
+        clean[mask] = np.maximum(reflected(seen, to_lamp, to_eye, BallMaterial((0.2, 0.15, 0.1), 0.5, 0.15, 1.5)), 0.0)
         scale = clean.max() / FULL_WELL
         electrons = random.poisson(clean / scale)
         variance = (electrons + READ_NOISE**2) * scale**2

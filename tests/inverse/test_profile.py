@@ -12,7 +12,14 @@ from hagoromo.least_squares.loss import NORMAL_95
 from hagoromo.measurement.error_files import SharedErrors
 from hagoromo.measurement.inspection.seen_surface import SeenSurface, seen_surface
 from hagoromo.measurement.surface.depth import surface_from_normals
-from tests.inverse.simulated_relief import Relief, dome, places, relief_camera, relief_capture, relief_measurement
+from tests.inverse.simulated_relief import (
+    SimulatedRelief,
+    dome,
+    places,
+    relief_camera,
+    relief_capture,
+    relief_measurement,
+)
 
 LINES = (((0.2, 0.3), (0.8, 0.7)), ((0.08, 0.5), (0.92, 0.5)), ((0.5, 0.5), (0.65, 0.5)), ((0.08, 0.2), (0.08, 0.8)))
 TURN = 0.01  # rad, errors of normals about each of two axes
@@ -22,7 +29,7 @@ def shape(size):
     """Points, normals and mask of a relief, and its camera."""
     camera = relief_camera(size)
     rows, columns = np.mgrid[:size, :size] + 0.5
-    return (camera, *places(Relief(seed=1), camera, rows, columns))
+    return (camera, *places(SimulatedRelief(seed=1), camera, rows, columns))
 
 
 def shared_turns(normals, inside):
@@ -91,7 +98,7 @@ def test_averages_over_squares_give_the_band_of_all_pixels(monkeypatch):
 @pytest.mark.filterwarnings("ignore:exponent")  # of a relief so flat the shading says little
 def test_a_measured_relief_has_its_true_heights_in_the_band():
     """Of photographs: the shares of three lines together, which err alike along themselves; a true flake of 0.1 mm."""
-    relief = Relief(seed=1, flake={(-0.006, 0.003, 0.0035): 1e-4})
+    relief = SimulatedRelief(seed=1, flake={(-0.006, 0.003, 0.0035): 1e-4})
     camera = relief_camera(96)
     seen = seen_surface(hg.measure(relief_capture(relief, camera, dome(12), 3), distance=0.4))
     rows, columns = np.mgrid[:96, :96] + 0.5
@@ -109,21 +116,21 @@ def test_a_measured_relief_has_its_true_heights_in_the_band():
 
 
 def test_a_line_is_as_long_as_its_pixels():
-    measurement = relief_measurement(Relief(seed=1), relief_camera(32), 1)
+    measurement = relief_measurement(SimulatedRelief(seed=1), relief_camera(32), 1)
     scaled = hg.profile(measurement, (8, 10), (24, 20))
     pixel = 1e3 * 0.4 / relief_camera(32).focal[0]
     assert scaled.unit == "mm" and scaled.distance[-1] == pytest.approx(pixel * np.hypot(16, 10), rel=0.02)
 
 
 def test_a_given_shape_has_heights_and_no_band():
-    measurement = relief_measurement(Relief(seed=1), relief_camera(32), 1, errors=False)
+    measurement = relief_measurement(SimulatedRelief(seed=1), relief_camera(32), 1, errors=False)
     found = hg.profile(measurement, (8, 10), (24, 20))
     assert np.isnan(found.error).all() and "without errors" in found.remarks[0] and "without a band" in repr(found)
 
 
 def test_files_hold_what_python_gives(tmp_path):
     """A table with empty cells in a gap, a plot, and the same from the command."""
-    measurement = relief_measurement(Relief(seed=1), relief_camera(32), 1)
+    measurement = relief_measurement(SimulatedRelief(seed=1), relief_camera(32), 1)
     measurement.labels[14:16, 15:17] = -1
     measurement.save(tmp_path / "measured")
     found = hg.profile(tmp_path / "measured", (6, 15), (26, 15))
@@ -137,7 +144,7 @@ def test_files_hold_what_python_gives(tmp_path):
 
 
 def test_parts_that_are_not_connected_have_no_band_between_them():
-    measurement = relief_measurement(Relief(seed=1), relief_camera(32), 1)
+    measurement = relief_measurement(SimulatedRelief(seed=1), relief_camera(32), 1)
     measurement.labels[:, 15:18] = -1
     found = hg.profile(measurement, (6, 15), (26, 15))
     assert np.isnan(found.error).all() and any("gap" in one for one in found.remarks)
@@ -153,13 +160,13 @@ def test_parts_that_are_not_connected_have_no_band_between_them():
     ],
 )
 def test_a_line_that_cannot_be_followed_is_refused(line, words):
-    measurement = relief_measurement(Relief(seed=1), relief_camera(32), 1)
+    measurement = relief_measurement(SimulatedRelief(seed=1), relief_camera(32), 1)
     with pytest.raises(InputError, match=words):
         hg.profile(measurement, line[:2], line[2:])
 
 
 def test_a_measurement_without_depth_is_refused_in_a_line(tmp_path, capsys):
-    relief_measurement(Relief(seed=1), relief_camera(32), 1).save(tmp_path / "measured")
+    relief_measurement(SimulatedRelief(seed=1), relief_camera(32), 1).save(tmp_path / "measured")
     (tmp_path / "measured" / "points.exr").unlink()
     for command in (["profile", "--line", "1", "2", "3", "9", "--out", str(tmp_path / "p.csv")],
                     ["maps", "--out", str(tmp_path / "maps")]):  # fmt: skip
@@ -170,7 +177,7 @@ def test_a_measurement_without_depth_is_refused_in_a_line(tmp_path, capsys):
 
 def test_maps_are_written_with_their_scale(tmp_path):
     """EXR of the values, PNG of the same size across or a whole number of times, and numbers."""
-    found = hg.inspection_maps(relief_measurement(Relief(seed=1), relief_camera(32), 1))
+    found = hg.inspection_maps(relief_measurement(SimulatedRelief(seed=1), relief_camera(32), 1))
     found.save(tmp_path / "maps")
     layers, _ = hg.read_exr(tmp_path / "maps" / "curvature.exr")
     known = layers["known"] > 0

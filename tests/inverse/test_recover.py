@@ -17,7 +17,7 @@ from hagoromo.recovery.recover import halves_of
 from hagoromo.recovery.recovered import score
 from hagoromo.recovery.silhouettes import views_of
 from hagoromo.recovery.surface_shape import SurfaceShape
-from studies.recover_scenes import Shots, Truth, aligned, around, misplaced, misstated, shots, simulated, standing
+from studies.recover_scenes import Shots, TrueObject, aligned, around, misplaced, misstated, shots, simulated, standing
 from studies.recovery import places_off, strengths_off
 
 SETTINGS = hg.RecoverySettings(side=32, steps=80, rays=1 << 14, keep=0, errors=False)
@@ -26,13 +26,15 @@ VOXEL = 0.0035  # m, about that of this lattice
 
 @pytest.fixture(scope="module")
 def taken():
-    return simulated(Truth(), shots(16, 5, 60, 1, pixels=64), 1)
+    return simulated(TrueObject(), shots(16, 5, 60, 1, pixels=64), 1)
 
 
 @pytest.fixture(scope="module")
 def aside():
     """Other views, under other lamps: the second half from the side, as no photograph was taken."""
-    return simulated(Truth(), shots(4, 5, 60, 2, pixels=64), 2), simulated(Truth(), shots(4, 80, 110, 3, pixels=64), 3)
+    return simulated(TrueObject(), shots(4, 5, 60, 2, pixels=64), 2), simulated(
+        TrueObject(), shots(4, 80, 110, 3, pixels=64), 3
+    )
 
 
 @pytest.fixture(scope="module")
@@ -89,7 +91,7 @@ def test_the_surface_and_its_normals_are_the_true_ones(recovered, aside):
 
 
 def test_the_true_gloss_conserves_energy():
-    truth, brightest = Truth(), 0.6
+    truth, brightest = TrueObject(), 0.6
     hg.Reflectance(1.0 / np.pi, truth.beta, truth.gamma, truth.n, body_colour=hg.Spectrum.constant(brightest))
 
 
@@ -142,7 +144,7 @@ def test_without_lamps_colours_are_the_light_that_is_sent_out(taken):
 
 def test_one_seed_gives_the_same_bits_whatever_the_cores():
     """Gradients are summed in whole numbers, so it does not matter which core adds first."""
-    capture = simulated(Truth(), shots(6, 5, 60, 1, pixels=32), 1).capture
+    capture = simulated(TrueObject(), shots(6, 5, 60, 1, pixels=32), 1).capture
     cores = dr.thread_count()
     found = []
     for count in (cores, cores, 1):
@@ -335,7 +337,7 @@ def test_strengths_that_are_wrong_are_refined_and_their_mean_stays(taken):
 @pytest.mark.nightly
 def test_poses_and_strengths_that_are_wrong_are_refined(aside):
     """Half a pixel and 3 %: new views, aligned as nothing else can be known, within 1 dB of exact statements."""
-    exact = simulated(Truth(), shots(12, 5, 60, 1, lamps=6), 1)
+    exact = simulated(TrueObject(), shots(12, 5, 60, 1, lamps=6), 1)
     wrong = misstated(exact, 0.5, 0.03, 1)
     found = hg.recover(wrong.capture, replace(SETTINGS, steps=200, refine="cameras,lamps"))
     assert strengths_off(found.photographs, exact) < 0.5 * strengths_off(wrong.capture.photographs, exact)
@@ -349,7 +351,7 @@ def test_lamps_that_stand_elsewhere_are_found(aside):
     """Eight lamps around the object, each 2 % of its distance wrong in each axis: the error falls by a third or more,
     and new views are predicted better.
     """
-    exact = simulated(Truth(), standing(12, 8, 64), 1)
+    exact = simulated(TrueObject(), standing(12, 8, 64), 1)
     wrong, settings = misplaced(exact, 0.02, 1).capture, replace(SETTINGS, steps=120)
     found = hg.recover(wrong, replace(settings, refine="places"))
     assert places_off(found.photographs, exact) < 0.67 * places_off(wrong.photographs, exact)
@@ -369,7 +371,7 @@ def test_a_flash_that_moves_with_the_camera_has_one_shift():
         return (DISTANCE * view + 0.03 * side / np.linalg.norm(side))[None]
 
     views, off = around(12, turn=0.7), np.array([0.012, -0.009, 0.0])  # right and up
-    photographs = simulated(Truth(), Shots(views, [beside(view) for view in views], 64), 1).capture.photographs
+    photographs = simulated(TrueObject(), Shots(views, [beside(view) for view in views], 64), 1).capture.photographs
     wrong = [replace(p, lamps=(p.lamps[0].shifted(p.camera.world_to_camera[:3, :3].T @ off),)) for p in photographs]
     found = hg.recover(hg.Capture(tuple(wrong), "wrong"), replace(SETTINGS, steps=120, refine="places"))
     assert found.look.places is not None and found.look.places.riding == [True]
@@ -398,7 +400,7 @@ def test_what_cannot_be_refined_is_one_line(taken):
 
 def test_the_mean_factor_by_which_lamps_stand_farther_stays_as_stated(taken):
     """Eight lamps that stand still: whatever pixels say, the mean of shifts outwards over distances is 0."""
-    capture = simulated(Truth(), standing(6, 8, 32), 1).capture
+    capture = simulated(TrueObject(), standing(6, 8, 32), 1).capture
     found = hg.recover(capture, replace(SETTINGS, side=16, steps=8, refine="places"))
     assert found.look.places is not None
     places = {tuple(p.lamps[0].place): p.lamps[0].place for p in capture.photographs}
@@ -415,7 +417,7 @@ def test_the_mean_factor_by_which_lamps_stand_farther_stays_as_stated(taken):
 
 def test_photographs_from_one_pose_are_in_one_half(taken):
     """Of 12 poses with two lamps each; with fewer poses every second photograph is."""
-    views = views_of(simulated(Truth(flat=True), shots(12, 5, 60, 1, pixels=8, lamps=2), 1).capture.photographs)
+    views = views_of(simulated(TrueObject(flat=True), shots(12, 5, 60, 1, pixels=8, lamps=2), 1).capture.photographs)
     poses = [{v.photograph.camera.world_to_camera.tobytes() for v in half} for half in halves_of(views)]
     assert not poses[0] & poses[1] and [len(each) for each in poses] == [6, 6]
     few = halves_of(views[:22])

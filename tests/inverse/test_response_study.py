@@ -6,7 +6,7 @@ from hagoromo.camera.response import Response
 from studies.response_bench import CURVE_WAVELENGTHS
 from studies.response_faults import (
     LAMPS,
-    Case,
+    FaultyReadings,
     chart_layout,
     clip,
     fall_off,
@@ -36,7 +36,7 @@ def test_faults_are_what_they_are_called():
 
 
 def test_shared_errors_are_remarked_on_where_the_lamps_are_known():
-    case = Case("shared", chart_layout(LAMPS), share_errors, lamps_known=True)
+    case = FaultyReadings("shared", chart_layout(LAMPS), share_errors, lamps_known=True)
     score = fault_score(case, {"one": CAMERA})
     assert score["remarked"] == 1.0 and score["coverage"] > 0.9
     assert all(of["median"] > 0.99 for of in score["correlation"].values())

@@ -14,7 +14,7 @@ from hagoromo.measurement.lamp_departure import fitted_rig, lamp_departure
 from hagoromo.measurement.surface import solved_surface
 from hagoromo.measurement.surface import tile_store as store_module
 from hagoromo.photograph.rig import Rig
-from studies.near_rig import SURFACE_DISTANCE, Look, ring_rig, simulate, sphere, waves
+from studies.near_rig import SURFACE_DISTANCE, Finish, ring_rig, simulate, sphere, waves
 
 WIDTH, HEIGHT, PITCH = 64, 48, 5e-4  # px, m
 LAMPS, TILT = 12, 55.0
@@ -259,7 +259,7 @@ def test_a_rig_of_near_lamps_evens_what_is_solved_in_tiles(small_tiles, tmp_path
     """Of a ball under LEDs: within three stated errors, and a third of the true spread. Normals of another surface, in
     tiles of its folder, err a third less with it, and two materials come out as even.
     """
-    lamps, look = ring_rig(72, 60, 8), Look(0.2)
+    lamps, look = ring_rig(72, 60, 8), Finish(0.2)
     level, slope = near_truth(8)
     ball, sheet = (simulate(lamps, shape, look, seed=seed) for seed, shape in enumerate((sphere, waves)))
     rig = hg.calibrate_rig([uneven(ball[0], level, slope)], distance=1.03 * SURFACE_DISTANCE)

@@ -7,7 +7,7 @@ import pytest
 
 from hagoromo.measurement.known_shape import measure_known_shape
 from hagoromo.measurement.material.segment import _joined, segment
-from tests.inverse.simulated_ball import Truth, simulate
+from tests.inverse.simulated_ball import BallMaterial, simulate
 
 SIZE = 61
 ANGLES = ((35, 20), (80, -15), (-40, 30), (-75, -10), (10, -60))
@@ -18,7 +18,7 @@ RED, GREEN = np.array([0.20, 0.12, 0.08]), np.array([0.10, 0.18, 0.08])
 def ball(share, seed=3, full_well=45_000.0):
     """A ball whose body is RED where `share` (h, w) is 0, GREEN where it is 1, and between them else."""
     body: Any = RED + np.asarray(share)[..., None] * (GREEN - RED)
-    return simulate([Truth(body, 0.3, 0.2, 1.5)], seed, SIZE, angles=ANGLES, full_well=full_well)
+    return simulate([BallMaterial(body, 0.3, 0.2, 1.5)], seed, SIZE, angles=ANGLES, full_well=full_well)
 
 
 GRADIENTS = {

@@ -14,7 +14,7 @@ from hagoromo.measurement.normals.normals import NormalMap, least_squares_fit, w
 from hagoromo.measurement.normals.photometric_model import predicted
 from hagoromo.measurement.normals.shading import Gloss
 from hagoromo.measurement.surface.depth import DepthSurface
-from tests.inverse.simulated_ball import Truth, simulate
+from tests.inverse.simulated_ball import BallMaterial, simulate
 
 SIZE, COUNT, BETA, GAMMA = 31, 20, 0.5, 0.16
 ROWS, COLUMNS = np.mgrid[:SIZE, :SIZE] / (SIZE - 1) * 2 - 1
@@ -36,7 +36,9 @@ def solved(amount, seed, nu=np.inf, tails=None, count=COUNT):
     nu: of the fit, and of the ball where it has no `tails` (h, w) of its own.
     """
     own = nu if tails is None else 1.0 / tails
-    truth = Truth((0.2, 0.15, 0.1), BETA * np.exp(amount * OWN[..., 0]), GAMMA * np.exp(amount * OWN[..., 1]), 1.5, own)
+    truth = BallMaterial(
+        (0.2, 0.15, 0.1), BETA * np.exp(amount * OWN[..., 0]), GAMMA * np.exp(amount * OWN[..., 1]), 1.5, own
+    )
     capture = simulate([truth], seed, SIZE, angles=lamps(count))
     views = hg.views_from_capture(capture)
     assert capture.normals is not None

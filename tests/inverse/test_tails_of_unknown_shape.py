@@ -13,7 +13,7 @@ from hagoromo.measurement.normals.gloss_estimate import measurement_of
 from hagoromo.measurement.normals.normals import solve_fit, solve_normals
 from hagoromo.measurement.normals.photometric_step import PixelStep
 from hagoromo.measurement.normals.shading import Gloss
-from tests.inverse.simulated_ball import Truth, simulate
+from tests.inverse.simulated_ball import BallMaterial, simulate
 from tests.judges import alarms_are_rare
 
 LAMPS = tuple((azimuth, elevation) for azimuth in (-45, -15, 15, 45) for elevation in (-30, 10, 45))
@@ -23,7 +23,7 @@ ONE = np.zeros((SIZE, SIZE), int)
 
 
 def photographed(seed, nu=math.inf, colour=NEUTRAL, gamma=0.15, beta=0.5):
-    return simulate([Truth(BODY, beta, gamma, 1.5, nu, colour)], seed, SIZE, angles=LAMPS)
+    return simulate([BallMaterial(BODY, beta, gamma, 1.5, nu, colour)], seed, SIZE, angles=LAMPS)
 
 
 def error(capture, found):

@@ -16,17 +16,19 @@ from hagoromo.measurement.measurement_files import read_terms
 from hagoromo.measurement.observations import known_shape as region_of
 from hagoromo.measurement.observations import observe
 from hagoromo.measurement.photometric import terms as registry
-from hagoromo.measurement.photometric.term import CaptureTerms, Change, Term
+from hagoromo.measurement.photometric.term import CaptureTerms, ReadingChange, Term
 from hagoromo.measurement.photometric.term_fit import TermProfile, fit_terms
 from hagoromo.measurement.robust_fit import minimise
-from tests.inverse.simulated_ball import Truth, simulate
+from tests.inverse.simulated_ball import BallMaterial, simulate
 
 SIZE, PEDESTAL, FALL = 31, 0.004, -0.08
 ACROSS = np.linspace(-1.0, 1.0, SIZE)[:, None]
-BODY = Truth((0.2, 0.15, 0.1), 0.4, 0.2, 1.5)
-OFFSET = Term("pedestal", "a pedestal", "[1/sr]", 0.0, 0.02, (-1.0, 1.0), "this test", lambda _: Change(added=1.0))
+BODY = BallMaterial((0.2, 0.15, 0.1), 0.4, 0.2, 1.5)
+OFFSET = Term(
+    "pedestal", "a pedestal", "[1/sr]", 0.0, 0.02, (-1.0, 1.0), "this test", lambda _: ReadingChange(added=1.0)
+)
 TILT = Term("fall", "light that falls off to the right", "per half a picture", 0.0, 0.2, (-0.5, 0.5), "this test",
-            lambda _: Change(share=ACROSS))  # fmt: skip
+            lambda _: ReadingChange(share=ACROSS))  # fmt: skip
 
 
 def with_both(capture):

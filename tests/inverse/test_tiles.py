@@ -21,12 +21,12 @@ from hagoromo.photograph.capture import Capture, save_capture
 from studies import glossy_objects
 from studies.glossy_objects import GLOSSY, glossy_object
 from studies.mirror_objects import mirror_object
-from studies.near_rig import SURFACE_DISTANCE, Look, ring_rig, simulate, sphere
+from studies.near_rig import SURFACE_DISTANCE, Finish, ring_rig, simulate, sphere
 from tests.inverse.test_further_lobes import solved
 
 
 @dataclass(frozen=True)
-class Held:
+class HeldPhotographs:
     """Photographs that are in memory already, which break off before one of them, if asked to."""
 
     capture: Capture
@@ -50,9 +50,9 @@ def small_tiles(monkeypatch):
 
 def test_a_store_gives_the_photographs_back(small_tiles, tmp_path):
     """To 2⁻¹¹ of the value, a half's rounding, and of the deviation; every valid pixel once."""
-    capture, _ = simulate(ring_rig(53, 47, 5), sphere, Look(0.2), bits=10)
+    capture, _ = simulate(ring_rig(53, 47, 5), sphere, Finish(0.2), bits=10)
     seen = np.zeros((47, 53), int)
-    with tile_store(Held(capture), tmp_path) as store:
+    with tile_store(HeldPhotographs(capture), tmp_path) as store:
         for tile in range(store.count):
             stack, rows, columns = store.stack(tile)
             seen[rows, columns] += 1
@@ -71,8 +71,8 @@ def test_a_store_gives_the_photographs_back(small_tiles, tmp_path):
 
 
 def test_an_interrupt_leaves_no_scratch(small_tiles, tmp_path):
-    capture, _ = simulate(ring_rig(31, 29, 4), sphere, Look(0.2), bits=10)
-    with pytest.raises(KeyboardInterrupt), tile_store(Held(capture, broken=2), tmp_path):
+    capture, _ = simulate(ring_rig(31, 29, 4), sphere, Finish(0.2), bits=10)
+    with pytest.raises(KeyboardInterrupt), tile_store(HeldPhotographs(capture, broken=2), tmp_path):
         pass
     assert not list(tmp_path.iterdir())
 
@@ -80,11 +80,11 @@ def test_an_interrupt_leaves_no_scratch(small_tiles, tmp_path):
 @pytest.fixture
 def waxed(small_tiles, tmp_path, monkeypatch):
     """A glossy object as a whole with its normals, its store of tiles, and its coarse solution with one lobe."""
-    monkeypatch.setitem(GLOSSY, "waxed", glossy_objects.Gloss(0.05, (0.5, 10.0), (10.0, 2.5)))
+    monkeypatch.setitem(GLOSSY, "waxed", glossy_objects.TrueGloss(0.05, (0.5, 10.0), (10.0, 2.5)))
     monkeypatch.setattr(store_module, "COARSE_PIXELS", 1024)
     monkeypatch.setattr(lobe_fit, "LOBE_PIXELS", 1500)
     capture, normals = glossy_object("waxed", 7, size=96)
-    with tile_store(Held(capture), tmp_path) as store:
+    with tile_store(HeldPhotographs(capture), tmp_path) as store:
         assert store.factor == 3 and store.count > 1
         mean = normals.reshape(32, 3, 32, 3, 3).mean(axis=(1, 3))
         mean /= np.maximum(np.linalg.norm(mean, axis=2, keepdims=True), 1e-9)
@@ -141,7 +141,7 @@ def test_errors_of_tiles_are_those_of_the_whole(small_tiles, tmp_path):
     normal; so without errors of the pixels' width, or of lamps left out, either fails at the rim.
     """
     capture, truth = glossy_object("glaze", size=84)
-    coarse, fine = solved_surface.solve_large(Held(capture), tmp_path, 50.0)
+    coarse, fine = solved_surface.solve_large(HeldPhotographs(capture), tmp_path, 50.0)
     whole = hg.solve_normals(capture)
     errors = [one.fit.errors for one in (coarse.normal_map, whole)]
     shared = [np.sqrt(np.mean(one.shared)) for one in errors if one is not None]
@@ -169,7 +169,7 @@ def test_narrow_highlights_in_tiles_follow_from_smooth_normals(small_tiles, tmp_
     """
     monkeypatch.setattr(store_module, "SIDE", 48)
     ball = mirror_object("ball", 96, 24)
-    _, fine = solved_surface.solve_large(Held(ball.capture), tmp_path, 50.0)
+    _, fine = solved_surface.solve_large(HeldPhotographs(ball.capture), tmp_path, 50.0)
     assert fine.stiffness is not None
     known = np.isfinite(fine.variance) & (np.abs(ball.normals).sum(axis=2) > 0.0)
     off = angle(fine.normals, ball.normals)[known]
@@ -230,7 +230,7 @@ def test_measure_solves_large_photographs_in_tiles(small_tiles, tmp_path, monkey
     A coarse pixel is 7 mm wide here, and only the coarse photographs determine the depth: to within one.
     """
     monkeypatch.setattr(solved_surface, "LARGEST_CAPTURE_BYTES", 0)
-    capture, truth = simulate(ring_rig(120, 96, 8), sphere, Look(0.3), bits=10)
+    capture, truth = simulate(ring_rig(120, 96, 8), sphere, Finish(0.3), bits=10)
     save_capture(capture, tmp_path / "capture")
     hg.measure(tmp_path / "capture", distance=1.03 * SURFACE_DISTANCE, scratch=tmp_path).save(tmp_path / "out")
     normals, points = (read_exr(tmp_path / "out" / f"{what}.exr")[0] for what in ("normals", "points"))

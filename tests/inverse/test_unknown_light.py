@@ -13,7 +13,7 @@ from hagoromo.recovery.object_view import ObjectView
 from hagoromo.recovery.pixel_table import UNLIT_ERROR, PixelTable
 from hagoromo.recovery.recovered import score
 from hagoromo.recovery.unknown_light import BANDS, TERMS, UnknownLight, harmonics, within_bounds
-from studies.recover_scenes import Shots, Truth, around, simulated
+from studies.recover_scenes import Shots, TrueObject, around, simulated
 
 SETTINGS = hg.RecoverySettings(side=32, steps=60, rays=1 << 13, keep=8)
 ASIDE = 2.0  # px by which principal points are wrong
@@ -24,7 +24,7 @@ def unlit(lamp_of):
     """24 views of an object under one lamp for each, of which no photograph says anything."""
     views = around(24, turn=0.3)
     lamps = [np.asarray(lamp_of(view), float)[None] for view in views]
-    taken = simulated(Truth(beta=0.0, flat=True), Shots(views, lamps, 64), SEED)
+    taken = simulated(TrueObject(beta=0.0, flat=True), Shots(views, lamps, 64), SEED)
     return hg.Capture(tuple(replace(p, lamps=()) for p in taken.capture.photographs), "unlit")
 
 

@@ -14,7 +14,7 @@ from tests.inverse.simulated_ball import (
     DISTANCE,
     FULL_WELL,
     READ_NOISE,
-    Truth,
+    BallMaterial,
     ball_camera,
     ball_shape,
     reflected,
@@ -22,7 +22,7 @@ from tests.inverse.simulated_ball import (
 )
 
 SIZE, SHARE = 41, 0.02
-DARK, BRIGHT = Truth((0.010, 0.015, 0.020), 0.5, 0.15, 1.5), Truth((0.20, 0.15, 0.10), 0.3, 0.25, 1.4)
+DARK, BRIGHT = BallMaterial((0.010, 0.015, 0.020), 0.5, 0.15, 1.5), BallMaterial((0.20, 0.15, 0.10), 0.3, 0.25, 1.4)
 PARTS = np.repeat([0, 1], [26, 15]) * np.ones((SIZE, 1), int)  # the bright part is what scatters
 
 

@@ -8,7 +8,7 @@ import hagoromo as hg
 from hagoromo.calibration.views.known_length import FoundScale, read_marks, scale_of
 from hagoromo.calibration.views.reconstruct import ALL_PAIRS, NEIGHBOURS, StatedLens, pairs_of
 from hagoromo.errors import InputError
-from tests.inverse.simulated_views import BOARD, MIDDLE, RADIUS, Marks, camera, picture, ring, structure
+from tests.inverse.simulated_views import BOARD, MIDDLE, RADIUS, BoardMarks, camera, picture, ring, structure
 
 SIZE = 7.3  # units of the structure per metre
 VIEWS = ring(7)
@@ -45,7 +45,7 @@ def test_photographs_that_look_away_from_each_other_are_refused():
 
 
 def marked(noise: float, seed: int, count: int = 5) -> FoundScale:
-    random, known = np.random.default_rng(seed), Marks()
+    random, known = np.random.default_rng(seed), BoardMarks()
     marks = {
         name: tuple(np.array(known.seen_by(view)) + random.normal(scale=max(noise, 1e-12), size=4))
         for name, view in list(VIEWS.items())[:count]
@@ -72,14 +72,14 @@ def test_a_board_gives_the_scale_also_where_it_was_read_the_other_way_round():
     pictures = {name: picture(view) for name, view in chosen.items()}
     pictures["view05.png"] = pictures["view05.png"][::-1, ::-1].copy()  # turned: its corners come in reverse order
 
-    class Turned(type(BOARD)):
+    class TurnedBoard(type(BOARD)):
         def find(self, photograph):
             found = BOARD.find(photograph)
             if found is None or photograph is not pictures["view05.png"]:
                 return found
             return found._replace(image=np.array([399.0, 299.0], np.float32) - found.image)
 
-    board = Turned(BOARD.columns, BOARD.rows, BOARD.square)
+    board = TurnedBoard(BOARD.columns, BOARD.rows, BOARD.square)
     found = scale_of(board, structure(chosen, SIZE), lambda name: pictures[name])
     assert len(found.photographs) == 3 and found.rms < 0.5
     assert abs(found.metres * SIZE - 1.0) < 4.0 * found.error < 0.02
@@ -118,7 +118,7 @@ def test_too_little_of_known_size_is_refused(given, said):
 
 
 def test_a_mark_in_another_place_is_named():
-    known = Marks()
+    known = BoardMarks()
     marks = {name: known.seen_by(view) for name, view in VIEWS.items()}
     x1, y1, x2, y2 = marks["view02.png"]
     marks["view02.png"] = x1, y1, x2 + 90.0, y2

@@ -25,7 +25,7 @@ from hagoromo.reflectance.torrance_sparrow import cos_deviation, facet_density, 
 from hagoromo.transport.materials import Materials
 from hagoromo.transport.palette import palette_of
 from tests.oracle.radiance import camera_rays
-from tests.oracle.scenes import DAYLIGHT, Case, camera, coloured_block, error_and_ratio, threads
+from tests.oracle.scenes import DAYLIGHT, OracleCase, camera, coloured_block, error_and_ratio, threads
 
 WHITE = Spectrum.constant(1.0)
 NUS = (0.3, 0.5, 0.77, 1.0, 1.6, 3.0, 9.0, 60.0)
@@ -350,7 +350,7 @@ def glossy(element, nu):
 
 def case_of(voxels):
     scene = hg.Scene(camera(), (DAYLIGHT,), (voxels.box(),))
-    return Case("facets with tails", [voxels], scene, camera_rays(scene.camera))
+    return OracleCase("facets with tails", [voxels], scene, camera_rays(scene.camera))
 
 
 @pytest.mark.parametrize(

@@ -25,7 +25,7 @@ BITS = np.array([(x, y, z) for z in (0, 1) for y in (0, 1) for x in (0, 1)])  # 
 
 
 @dataclass(frozen=True)
-class Voxels:
+class OracleVoxels:
     """Arrays (z, y, x, …) of which a box is made, and its other figures as `hg.VolumeBox` has them.
 
     Densities and colours are rounded to halves, as boxes store them; axes are not, so that their rounding shows. An
@@ -55,10 +55,10 @@ class Voxels:
         return hg.VolumeBox.from_arrays(**vars(self))
 
 
-class Lattice:
+class BoxFields:
     """Fields of one box. Coordinates u along (x, y, z): voxel k has its centre at k + 1; matter at ½ ≤ u ≤ n + ½."""
 
-    def __init__(self, voxels: Voxels) -> None:
+    def __init__(self, voxels: OracleVoxels) -> None:
         self.tau, self.materials, self.basis = voxels.tau, voxels.materials, voxels.basis
         self.rotation, self.offset = voxels.pose[:3, :3], voxels.pose[:3, 3]
         self.projected = voxels.extinction == "projected"

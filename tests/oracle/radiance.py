@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 import hagoromo as hg
-from tests.oracle.lattice import Array, Lattice, Voxels
+from tests.oracle.lattice import Array, BoxFields, OracleVoxels
 from tests.oracle.reflection import element_weights, gauss
 
 NODES = 3  # of a part
@@ -44,7 +44,7 @@ class Parts:
 
 
 def radiance(
-    boxes: Sequence[Voxels],
+    boxes: Sequence[OracleVoxels],
     lamps: Sequence[hg.Lamp],
     rays: tuple[Array, Array],
     wavelengths: ArrayLike,
@@ -74,13 +74,13 @@ class Oracle:
 
     def __init__(
         self,
-        boxes: Sequence[Voxels],
+        boxes: Sequence[OracleVoxels],
         lamps: Sequence[hg.Lamp],
         rays: tuple[Array, Array],
         wavelengths: Array,
         fineness: float,
     ) -> None:
-        self.boxes, self.lamps = [Lattice(voxels) for voxels in boxes], lamps
+        self.boxes, self.lamps = [BoxFields(voxels) for voxels in boxes], lamps
         self.wavelengths, self.fineness = wavelengths, fineness
         self.direction = rays[1] / np.linalg.norm(rays[1], axis=1, keepdims=True)
         self.origin = np.broadcast_to(rays[0], self.direction.shape)

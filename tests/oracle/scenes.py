@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import hagoromo as hg
-from tests.oracle.lattice import Array, Voxels
+from tests.oracle.lattice import Array, OracleVoxels
 from tests.oracle.radiance import camera_rays, radiance
 
 PIXELS, FEW = 20, 13  # a side of a picture, and of one that takes the oracle long
@@ -31,11 +31,11 @@ TAILED = hg.Reflectance(0.2, 0.25, 0.15, 1.6, RED, BLUE, nu=1.2)
 
 
 @dataclass(frozen=True, repr=False)
-class Case:
+class OracleCase:
     """A scene, and the rays to compare: those of its camera's pixels, or given ones (an orthographic camera's)."""
 
     name: str
-    boxes: list[Voxels]
+    boxes: list[OracleVoxels]
     scene: hg.Scene
     rays: tuple[Array, Array]
     by_camera: bool = True
@@ -56,7 +56,7 @@ class Case:
         return weights.astype(np.float64) @ np.array(spectra)
 
 
-def cases() -> list[Case]:
+def cases() -> list[OracleCase]:
     """All scenes."""
     return [
         _case("Gaussian ball", [gaussian_ball()], [DAYLIGHT]),
@@ -107,14 +107,14 @@ def box_of(
     middle: tuple[float, float, float] = (0.0, 0.0, 0.0),
     degrees: float = 0.0,
     **fields: Any,
-) -> Voxels:
+) -> OracleVoxels:
     """A box about `middle` [m], turned about (1, 2, 3), its longest edge SIDE; depth_per_voxel: at density 1."""
     axis = np.broadcast_to(np.asarray(axis, float), (*density.shape, 3))
     voxel, pose = SIDE / max(density.shape), np.eye(4)
     pose[:3, :3] = turned(degrees)
     pose[:3, 3] = np.asarray(middle) - pose[:3, :3] @ (0.5 * voxel * np.array(density.shape[::-1]))
     materials = matter if isinstance(matter, list) else [matter]
-    return Voxels(density, axis, voxel, depth_per_voxel / voxel, tuple(materials), pose, **fields)
+    return OracleVoxels(density, axis, voxel, depth_per_voxel / voxel, tuple(materials), pose, **fields)
 
 
 def turned(degrees: float) -> Array:
@@ -132,14 +132,14 @@ def outwards(x: Array, y: Array, z: Array) -> tuple[Array, Array]:
     return radius, offset / np.maximum(radius, 1e-9)[..., None]
 
 
-def gaussian_ball(depth: float = 3.0, matter: hg.Reflectance = SHINY, count: int = 29) -> Voxels:
+def gaussian_ball(depth: float = 3.0, matter: hg.Reflectance = SHINY, count: int = 29) -> OracleVoxels:
     """exp(−r²/2s²), s = 4 cm; `depth` through the middle."""
     radius, normal = outwards(*centres((count, count, count)))
     per_voxel = depth / (math.sqrt(2.0 * math.pi) * 0.04 / (SIDE / count))
     return box_of(np.exp(-0.5 * (radius / 0.04) ** 2), normal, per_voxel, matter)
 
 
-def flakes(count: int = 13) -> Voxels:
+def flakes(count: int = 13) -> OracleVoxels:
     """A soft ball of flakes that lean this way and that; extinction by their projected area."""
     x, y, z = centres((count, count, count))
     axis = np.stack([np.sin(30.0 * y) + 0.3, np.cos(25.0 * z) - 0.8, 1.0 + np.sin(20.0 * x)], axis=-1)
@@ -148,19 +148,21 @@ def flakes(count: int = 13) -> Voxels:
     return box_of(density, axis, 1.0, SHINY, extinction="projected")
 
 
-def hard_ball(depth: float = 20.0, degrees: float = 0.0, matter: hg.Reflectance = SHINY, count: int = 29) -> Voxels:
+def hard_ball(
+    depth: float = 20.0, degrees: float = 0.0, matter: hg.Reflectance = SHINY, count: int = 29
+) -> OracleVoxels:
     """Density 1 within 9 cm, else 0; `depth` through the middle."""
     radius, normal = outwards(*centres((count, count, count)))
     return box_of((radius < 0.09).astype(float), normal, depth / (0.18 / (SIDE / count)), matter, degrees=degrees)
 
 
-def noisy_slab(depth: float, seed: int = 3) -> Voxels:
+def noisy_slab(depth: float, seed: int = 3) -> OracleVoxels:
     """A plate of noise with hard faces, `depth` from top to bottom."""
     shape = (11, 23, 23)
     return box_of(np.random.default_rng(seed).uniform(0.5, 1.5, shape), (0.0, 0.0, 1.0), depth / shape[0], SHINY)
 
 
-def cloud(depth: float, middle: tuple[float, float, float] = (0.0, 0.0, 0.0), degrees: float = 0.0) -> Voxels:
+def cloud(depth: float, middle: tuple[float, float, float] = (0.0, 0.0, 0.0), degrees: float = 0.0) -> OracleVoxels:
     """A soft lopsided ball of noise, of grains."""
     count = 23
     x, y, z = centres((count, count, count))
@@ -169,12 +171,12 @@ def cloud(depth: float, middle: tuple[float, float, float] = (0.0, 0.0, 0.0), de
     return box_of(ball * noise, (0.0, 0.0, 1.0), depth / (0.15 / SIDE * count), GRAINS, middle, degrees)
 
 
-def half_dense() -> Voxels:
+def half_dense() -> OracleVoxels:
     """A full box, 0.6 optical depths a voxel."""
     return box_of(np.ones((13, 17, 19)), (0.0, -0.6, 0.8), 0.6, MATTE)
 
 
-def threads(count: int = 31, **fields: Any) -> Voxels:
+def threads(count: int = 31, **fields: Any) -> OracleVoxels:
     """Ten layers of soft threads, across each other in turn, of cylinders along them; tangents of either sign."""
     x, y, z = centres((count, count, count))
     pitch = SIDE / 5.0
@@ -191,7 +193,7 @@ def threads(count: int = 31, **fields: Any) -> Voxels:
     )
 
 
-def coloured_block() -> Voxels:
+def coloured_block() -> OracleVoxels:
     """A full block of two materials side by side; the body colour of its voxels runs from red to blue."""
     x, _, z = centres((19, 23, 13))
     share = 0.5 + 0.5 * np.sin(40.0 * x + 20.0 * z)
@@ -203,7 +205,7 @@ def coloured_block() -> Voxels:
 
 def block(
     depth_per_voxel: float, margin: int = 0, shape: tuple[int, int, int] = (11, 23, 23), matter: hg.Reflectance = MATTE
-) -> Voxels:
+) -> OracleVoxels:
     """Homogeneous matter with a flat face upwards, at the edge of the box or `margin` voxels within it."""
     density = np.ones(shape)
     density[len(density) - margin :] = 0.0
@@ -216,18 +218,18 @@ def camera(pixels: int = PIXELS) -> hg.Camera:
     return lens.look_at((0.25, -0.75, 0.55), (0.0, 0.0, 0.0))
 
 
-def _case(name: str, boxes: list[Voxels], lamps: list[hg.Lamp], pixels: int = PIXELS) -> Case:
+def _case(name: str, boxes: list[OracleVoxels], lamps: list[hg.Lamp], pixels: int = PIXELS) -> OracleCase:
     scene = hg.Scene(camera(pixels), tuple(lamps), tuple(voxels.box() for voxels in boxes))
-    return Case(name, boxes, scene, camera_rays(scene.camera))
+    return OracleCase(name, boxes, scene, camera_rays(scene.camera))
 
 
-def _orthographic(name: str, boxes: list[Voxels], lamps: list[hg.Lamp]) -> Case:
+def _orthographic(name: str, boxes: list[OracleVoxels], lamps: list[hg.Lamp]) -> OracleCase:
     """Parallel rays, side by side across the picture."""
     scene = hg.Scene(camera(), tuple(lamps), tuple(voxels.box() for voxels in boxes))
     right, down, ahead = scene.camera.world_to_camera[:3, :3]
     y, x = ((np.mgrid[:PIXELS, :PIXELS] + 0.5) / PIXELS - 0.5).reshape(2, -1) * SIDE
     origin = x[:, None] * right + y[:, None] * down - ahead
-    return Case(name, boxes, scene, (origin, np.broadcast_to(ahead, origin.shape)), by_camera=False)
+    return OracleCase(name, boxes, scene, (origin, np.broadcast_to(ahead, origin.shape)), by_camera=False)
 
 
 def error_and_ratio(seen: Array, true: Array, transmittance: Array) -> tuple[float, float]:

@@ -27,7 +27,7 @@ SURPRISING = 2.5  # of its spreads from what was expected, beyond which an unkno
 MOST_DARKENED = 0.1  # smallest factor of readings, whatever the unknowns are
 
 
-class Change(NamedTuple):
+class ReadingChange(NamedTuple):
     """What a unit of the unknown adds to the readings of a photograph, and what share of themselves it adds to them.
 
     Each broadcasts with the values (h, w, C). added: in units of the values.
@@ -53,7 +53,7 @@ class Term:
     spread: float
     range: tuple[float, float]
     source: str
-    change: Callable[[Photograph], Change]
+    change: Callable[[Photograph], ReadingChange]
 
 
 class TermEstimate(ForeignRecord, frozen=True, kw_only=True):
@@ -96,7 +96,7 @@ class CaptureTerms:
             photographs.append(replace(photograph, values=values, variance=photograph.variance / factor**2))
         return replace(capture, photographs=tuple(photographs))
 
-    def _sums(self, changes: Sequence[Change]) -> tuple[Any, Any]:
+    def _sums(self, changes: Sequence[ReadingChange]) -> tuple[Any, Any]:
         pairs = list(zip(self.values.tolist(), changes, strict=True))
         return sum(u * one.added for u, one in pairs), sum(u * one.share for u, one in pairs)
 

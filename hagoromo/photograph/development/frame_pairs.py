@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from hagoromo.photograph.development.exposure import Exposure, planes
-from hagoromo.photograph.development.noise import PARTS, Row
+from hagoromo.photograph.development.noise import PARTS, NoiseBin
 
 BINS = 12  # of the signal, per pair and colour
 FEWEST = 200  # least number of samples of a bin, or of a part of one
@@ -28,7 +28,7 @@ BAND_ROWS, MOST_SAMPLES = 128, 500_000  # of a colour of a large frame: bands of
 Array = NDArray[np.float64]
 
 
-def pair_rows(one: Exposure, other: Exposure, number: int) -> list[Row]:
+def pair_rows(one: Exposure, other: Exposure, number: int) -> list[NoiseBin]:
     """The rows of a pair, `other` with as much light as `one` or more; number: of the pair."""
     good = ~(one.full | other.full)
     ratio = ratio_of(one, other, good)
@@ -111,7 +111,7 @@ def _blocks(plane: NDArray) -> Array:
 
 def _rows_of_plane(
     a: NDArray, b: NDArray, ok: NDArray[np.bool_], rounding: NDArray, ratio: float, white: float
-) -> list[Row]:
+) -> list[NoiseBin]:
     if np.count_nonzero(ok) < FEWEST or min(a.shape) < 2:
         return []
     a, b = a.astype(np.float64), b.astype(np.float64)
@@ -136,7 +136,7 @@ def _rows_of_plane(
             if variance > 0.0 and count >= FEWEST:
                 mean, rough = max(float(level[few].mean()), 0.0), float(np.mean(steep[few] ** 2))
                 whole = float(rounding[few].mean())
-                rows.append(Row(mean * shares[0], shares[1], variance, whole, count, rough, part=part))
+                rows.append(NoiseBin(mean * shares[0], shares[1], variance, whole, count, rough, part=part))
     return rows
 
 

@@ -65,7 +65,7 @@ class Noise:
         return (np.maximum(signal, 0.0) + (1.0 + self.read_noise**2) / self.gain) / self.gain + rounding
 
 
-class Row(NamedTuple):
+class NoiseBin(NamedTuple):
     """A bin of samples whose variance [DN²] is shot/g + floors (r/g)² + rounding, and what the scene adds.
 
     shot [DN]. floors: 1 of a frame, 1 + 1/r² of the difference a − b/r of two. rounding [DN²]. count: of independent
@@ -95,7 +95,7 @@ class _NoiseFit(NamedTuple):
         return float(np.sqrt(self.covariance[0, 0]))
 
 
-def noise_of_rows(rows: Sequence[Row], usual: Noise, source: str) -> Noise:
+def noise_of_rows(rows: Sequence[NoiseBin], usual: Noise, source: str) -> Noise:
     """Gain and read noise by all `rows`, or by those of smoother samples where the others hold scene.
 
     usual: what a sensor of this kind has, if nothing is known of it. `InputError` for fewer than two rows.
@@ -112,7 +112,7 @@ def noise_of_rows(rows: Sequence[Row], usual: Noise, source: str) -> Noise:
     return Noise(gain, gain * deviation, gain * float(np.hypot(found.error, MODEL_ERROR)), read_error, source)
 
 
-def _without_scene(rows: Sequence[Row], usual: Noise) -> _NoiseFit:
+def _without_scene(rows: Sequence[NoiseBin], usual: Noise) -> _NoiseFit:
     """The fit of as many parts of the bins as agree with the smoothest, which are as many as determine the gain."""
     found, judges = _fit(rows, usual), (1, 2) if any(row.part for row in rows) else ()
     for least in judges:
@@ -128,7 +128,7 @@ def _without_scene(rows: Sequence[Row], usual: Noise) -> _NoiseFit:
     return found
 
 
-def _fit(rows: Sequence[Row], usual: Noise) -> _NoiseFit:
+def _fit(rows: Sequence[NoiseBin], usual: Noise) -> _NoiseFit:
     from scipy.optimize import least_squares
 
     shot, floors, variance, rounding, count, roughness, pair = np.array([row[:7] for row in rows], np.float64).T

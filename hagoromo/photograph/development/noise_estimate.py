@@ -21,7 +21,7 @@ from hagoromo.errors import InputError
 from hagoromo.least_squares.loss import robust_scale
 from hagoromo.photograph.development.exposure import Exposure, planes
 from hagoromo.photograph.development.frame_pairs import one_scene, pair_rows
-from hagoromo.photograph.development.noise import Noise, Row, noise_of_rows
+from hagoromo.photograph.development.noise import Noise, NoiseBin, noise_of_rows
 from hagoromo.photograph.transforms import ASSUMED_FULL_WELL, ASSUMED_READ_NOISE
 
 LIT = 5.0  # least signal of samples that have light [standard deviations]
@@ -132,19 +132,19 @@ def _brightness(frame: Exposure) -> float:
     return frame.seconds if frame.exif.exposure_s is not None else float(frame.signal.mean())
 
 
-def _lit(row: Row) -> bool:
+def _lit(row: NoiseBin) -> bool:
     """Whether a row has light: more signal than the means of eight neighbours have by noise, by which it is chosen."""
     return row.shot > LIT * (row.variance / 8.0) ** 0.5
 
 
-def frame_rows(frames: Iterable[Exposure]) -> list[Row]:
+def frame_rows(frames: Iterable[Exposure]) -> list[NoiseBin]:
     """The rows of single frames: differences of high order between neighbours of one colour.
 
     The n-th difference of rows and columns passes noise and suppresses what a lens has blurred, the more the larger n
     is (n = 2: Immerkær 1996, "Fast noise variance estimation"), and the fewer independent samples remain. The lowest
     order is taken whose variance is that of the highest.
     """
-    every: list[dict[tuple[int, int, int], Row]] = [{} for _ in DIFFERENCES]
+    every: list[dict[tuple[int, int, int], NoiseBin]] = [{} for _ in DIFFERENCES]
     for number, frame in enumerate(frames):
         rounding = np.broadcast_to(np.float32(frame.rounding), frame.signal.shape)
         colours = zip(*(planes(a, frame.mosaic) for a in (frame.signal, frame.full, rounding)), strict=True)
@@ -156,7 +156,7 @@ def frame_rows(frames: Iterable[Exposure]) -> list[Row]:
     return [row for row in _without_texture(every) if row.variance > LEAST_NOISE * row.rounding]
 
 
-def _without_texture(every: Sequence[dict[tuple[int, int, int], Row]]) -> list[Row]:
+def _without_texture(every: Sequence[dict[tuple[int, int, int], NoiseBin]]) -> list[NoiseBin]:
     """Of the rows by each of `DIFFERENCES`, the most precise that have no more variance than those of highest order.
 
     If only the highest order will do, its texture is removed as well: the leak falls as 1/order, because the power of
@@ -197,7 +197,7 @@ def _bands(samples: NDArray) -> NDArray:
 
 def _difference_rows(
     samples: NDArray, full: NDArray, coarse: NDArray, white: float, order: int, share: float
-) -> dict[int, Row]:
+) -> dict[int, NoiseBin]:
     """Number of the bin → signal and variance of the smoothest `share` of the samples in that bin of the signal."""
     from scipy.ndimage import convolve1d, maximum_filter1d
 
@@ -225,7 +225,7 @@ def _difference_rows(
         variance = robust_scale(rough[chosen]) ** 2
         count, at = independent * len(chosen), float(level[chosen].mean())
         if variance > 0.0 and at + CLIPPING_DISTANCE * np.sqrt(variance) < white:
-            rows[k] = Row(max(at, 0.0), 1.0, variance, float(coarse[chosen].mean()), count)
+            rows[k] = NoiseBin(max(at, 0.0), 1.0, variance, float(coarse[chosen].mean()), count)
     return rows
 
 

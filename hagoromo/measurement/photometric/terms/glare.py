@@ -9,15 +9,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from hagoromo.measurement.photometric.term import Change, Term
+from hagoromo.measurement.photometric.term import ReadingChange, Term
 from hagoromo.photograph.photograph import Photograph
 
 
-def change(photograph: Photograph) -> Change:
+def change(photograph: Photograph) -> ReadingChange:
     """The mean (C,) of all recorded values of the frame, also beside the object, that are finite."""
     known = np.isfinite(photograph.values)
     total = np.sum(photograph.values, axis=(0, 1), where=known, dtype=np.float64)
-    return Change(added=total / np.maximum(known.sum(axis=(0, 1)), 1))
+    return ReadingChange(added=total / np.maximum(known.sum(axis=(0, 1)), 1))
 
 
 GLARE = Term(
