@@ -13,6 +13,7 @@ from hagoromo.measurement.health.health import NAMES, Health
 from hagoromo.photograph.capture import load_capture
 from studies.closely import scene
 from tests.data import DATA, real_data
+from tests.inverse.simulated_relief import SimulatedRelief, dome, relief_camera, relief_capture
 from tests.inverse.simulated_vase import blurred, coded, exchanged, masked, moved, turned, twice, under, uneven, vase
 
 TURN = np.arange(12)
@@ -115,6 +116,24 @@ def test_a_flat_relief_with_gloss_is_not_taken_for_display_values():
     tile = replace(hg.simulate(scene()), points=None, normals=None)
     assert examine(tile).health.doubtful == ()
     assert [one.name for one in examine(coded(tile)).health.doubtful] == ["transfer"]
+
+
+@pytest.mark.by_night("0.0-uneven", "0.0-display values", "0.0-right")
+@pytest.mark.parametrize("done", ["right", "display values", "uneven"])
+@pytest.mark.parametrize("gloss", [0.0, 1.0])
+def test_a_flat_relief_is_doubted_for_what_is_wrong_alone(gloss, done):
+    """Normals within 7° (rms), lamps in two rings. Its gloss is wide, and every place has it under the same lamps. What
+    its photographs cannot tell apart, lamps that are uneven and another transfer, is said so.
+    """
+    capture = relief_capture(SimulatedRelief(), relief_camera(48), dome(12), 1, gloss > 0.0)
+    changed = {"right": capture, "display values": coded(capture), "uneven": uneven(capture, 0.2)}[done]
+    health = examine(changed).health
+    wrong = {"right": [], "display values": ["transfer"], "uneven": [] if gloss else ["strengths"]}[done]
+    assert [one.name for one in health.doubtful] == wrong
+    if done == "right":
+        assert health["transfer"].state == health["strengths"].state == "good"
+    if done == "uneven":
+        assert health["transfer"].state == "not testable" and "look alike" in health["transfer"].said
 
 
 def test_few_lamps_are_not_testable(glossy):

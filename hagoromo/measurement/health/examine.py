@@ -5,24 +5,37 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from hagoromo.light.lamp import Lamp
 from hagoromo.measurement.health.health import NAMES, Check, Health, Name, doubtful, good, not_testable
-from hagoromo.measurement.health.lamps import POWERS, FittedLamps, fitted_lamps, lamps_check, strengths_check
+from hagoromo.measurement.health.lamps import (
+    CLEARLY,
+    POWERS,
+    FittedLamps,
+    fitted_lamps,
+    lamps_check,
+    strengths_check,
+)
 from hagoromo.measurement.health.order import order_check
 from hagoromo.measurement.health.pictures import blur_check, mask_check, motion_check
 from hagoromo.measurement.health.shading import ShadingSample, shading_of
 from hagoromo.measurement.photograph_checks import linearity_of, moved, why_not_tested
 from hagoromo.measurement.surface.solved_surface import coarse_or_whole
 from hagoromo.photograph.capture import Capture
-from hagoromo.photograph.exponent import Exponent
+from hagoromo.photograph.exponent import Exponent, exponent_of
 
 FAULTS = ("did not converge", "doubtful")  # words in what a capture says of its calibrations
 CALIBRATED = ("camera", "lamps", "rig", "response")
+FLAT = np.radians(15.0)  # of normals from their mean (rms): below, strengths explain any transfer to some 3 %
 LEAST_TAKEN = 0.1  # standard deviation of ln strength, from which strengths that nobody stated are fitted
 CURVE = "the transfer is to be mended first"
+CONFOUNDED = (
+    "the surface is so flat that lamps of uneven strength and values that are not linear look alike: state the "
+    "strengths, or measure them with calibrate rig and give --rig"
+)
 FIRST = "the order of the photographs is to be mended first"
 
 
@@ -68,36 +81,54 @@ def examine(capture: Capture, shifts: Mapping[str, tuple[float, float]] | None =
     shading = shading_of(capture)
     if isinstance(shading, str):
         found |= {name: not_testable(name, shading) for name in ("order", "strengths", "lamps")}
-        lamps, exponent = None, linearity_of(capture)
+        lamps, exponent, why = None, linearity_of(capture), ""
     else:
         found["order"] = order_check(shading)
         ordered = found["order"].state != "doubtful"
-        lamps, exponent = _lit(shading, capture) if ordered else (None, None)
-        found |= _of_lamps(shading, capture, lamps)
-    found["transfer"] = _transfer(capture, exponent, found["order"])
+        shading, lamps, exponent, why = _lit(shading, capture) if ordered else Lit(shading, None, None, FIRST)
+        found |= _of_lamps(shading, capture, lamps, why)
+    found["transfer"] = _transfer(capture, exponent, why)
     return Examined(Health(checks=tuple(found[name] for name in NAMES)), exponent, lamps)
 
 
-def _lit(shading: ShadingSample, capture: Capture) -> tuple[FittedLamps, Exponent | None]:
+class Lit(NamedTuple):
+    """shading: the sample by which lamps are judged, without gloss where that explains the photographs. lamps: as
+    fitted. exponent: see `Examined`. why: there is none of them.
+    """
+
+    shading: ShadingSample
+    lamps: FittedLamps | None
+    exponent: Exponent | None
+    why: str = ""
+
+
+def _lit(shading: ShadingSample, capture: Capture) -> Lit:
     """The lamps, and the exponent with their strengths taken out; that of linear values unless it contradicts them.
 
-    Linear values under lamps as they are stated need no other explanation. On a flat surface each transfer has
-    strengths that explain it.
+    Linear values under lamps as they are stated need no other explanation, nor do linear values of a glossy surface.
+    On a flat surface each transfer has strengths that explain it.
     """
     linear, stated = fitted_lamps(shading, (1.0,)), linearity_of(capture)
     if not linear.uneven and stated is not None and stated.finding == "linear":
-        return linear, stated
-    bent = fitted_lamps(shading, POWERS)
-    if bent.power != 1.0:
+        return Lit(shading, linear, stated)
+    few = shading.few()
+    matte, bent = few.without_gloss(), fitted_lamps(shading, POWERS)
+    if bent.power != 1.0 and min(bent.misfit) < CLEARLY * min(few.misfit(), matte.misfit()):
+        if bent.uneven and few.relief < FLAT:
+            return Lit(shading, None, None, CONFOUNDED)
         exponent = linearity_of(with_strengths(capture, bent)) if bent.uneven else stated
         if exponent is not None and exponent.contradicted:
-            return bent, exponent
-    return linear, linearity_of(with_strengths(capture, linear)) if linear.uneven else stated
+            return Lit(shading, bent, exponent)
+    if matte is not few:
+        return Lit(matte, fitted_lamps(matte, (1.0,)), exponent_of(matte.lit, matte.to_lamp))
+    if linear.uneven and few.relief < FLAT:
+        return Lit(shading, linear, None, CONFOUNDED)
+    return Lit(shading, linear, linearity_of(with_strengths(capture, linear)) if linear.uneven else stated)
 
 
-def _of_lamps(shading: ShadingSample, capture: Capture, lamps: FittedLamps | None) -> dict[Name, Check]:
+def _of_lamps(shading: ShadingSample, capture: Capture, lamps: FittedLamps | None, why: str) -> dict[Name, Check]:
     if lamps is None or lamps.power != 1.0:
-        return {name: not_testable(name, FIRST if lamps is None else CURVE) for name in ("strengths", "lamps")}
+        return {name: not_testable(name, why or CURVE) for name in ("strengths", "lamps")}
     to_world = capture.photographs[0].camera.camera_to_world[:3, :3]
     return {"strengths": strengths_check(shading, lamps), "lamps": lamps_check(shading, lamps, to_world)}
 
@@ -116,9 +147,9 @@ def _stronger(lamp: Lamp, factor: float) -> Lamp:
     return replace(lamp, intensity=tuple(v * factor for v in stated) if isinstance(stated, tuple) else stated * factor)
 
 
-def _transfer(capture: Capture, exponent: Exponent | None, order: Check) -> Check:
-    if order.state == "doubtful":
-        return not_testable("transfer", FIRST)
+def _transfer(capture: Capture, exponent: Exponent | None, why: str) -> Check:
+    if why:
+        return not_testable("transfer", why)
     if exponent is None:
         return not_testable("transfer", why_not_tested(capture).removeprefix("not tested: "))
     if exponent.contradicted:

@@ -19,7 +19,7 @@ from hagoromo.photograph.exponent import FLOOR, OUTLIER, RELATIVE
 ROUNDS = 4  # of the robust fit of a lamp
 POWERS = (1.0, 2.2, 1.0 / 2.2)  # of linear values, of display values, and of linear ones that were decoded
 CLEARLY = 0.8  # misfit with another power over that of linear values, from which it is taken
-TURNS = 12  # of strengths and normals in turn
+TURNS = 40  # of strengths and normals in turn
 SETTLED = 1e-3  # change of ln strength
 MOST_APART = 24  # photographs up to which each lamp is fitted to normals without it
 UNEVEN = 0.03  # standard deviation of ln strength that is said

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hagoromo.measurement.health.health import Check, doubtful, good
+from hagoromo.measurement.health.lamps import fitted_lamps
 from hagoromo.measurement.health.shading import Array, ShadingSample
 
 MOST_LOOKED_AT = 12  # photographs of which pairs are tried: those that fit worst
@@ -42,12 +43,26 @@ def order_check(shading: ShadingSample) -> Check:
             f"{twice[0]} and {twice[1]} are the same picture, and their lamps differ",
             "take the photograph of one of them again, or leave it out",
         )
+    tried, best, misfit = _better(shading)
+    if best is not None:
+        lamps = fitted_lamps(shading, (1.0,))
+        if lamps.uneven and lamps.misfit[0] < misfit:  # strengths that differ explain more than another order
+            tried, best, _ = _better(lamps.even(shading))
+    if best is None:
+        return good("order", f"none of {tried} other arrangements explains the photographs better")
+    return doubtful("order", f"the photographs fit better {best.words}", MISTAKE)
+
+
+def _better(shading: ShadingSample) -> tuple[int, Arrangement | None, float]:
+    """How many arrangements were tried, the one that explains the photographs best if it does so better than the
+    stated one, and its misfit.
+    """
     few = shading.few()
     residual, _ = few.fit()
     stated = few.misfit()
     worst = np.argsort(-(residual * few.usable).sum(axis=1) / np.maximum(few.usable.sum(axis=1), 1))
     own = _shape_fault(shading, shading.to_lamp)
-    best, least = None, np.inf
+    best, least, lowest = None, np.inf, np.inf
     tried = _arrangements(shading.names, worst[:MOST_LOOKED_AT])
     for one in tried:
         lamps = shading.to_lamp[one.order]
@@ -58,10 +73,8 @@ def order_check(shading: ShadingSample) -> Check:
         better = misfit < BETTER * stated and fault < own + NO_WORSE
         shapelier = fault < own - SHAPELIER
         if (better or shapelier) and misfit / stated + fault < least:
-            best, least = one, misfit / stated + fault
-    if best is None:
-        return good("order", f"none of {len(tried)} other arrangements explains the photographs better")
-    return doubtful("order", f"the photographs fit better {best.words}", MISTAKE)
+            best, least, lowest = one, misfit / stated + fault, misfit
+    return len(tried), best, lowest
 
 
 def _arrangements(names: tuple[str, ...], worst: Array) -> list[Arrangement]:

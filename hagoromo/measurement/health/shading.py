@@ -1,7 +1,8 @@
 """Shading: a small sample of the photographs of an object under far lamps, and how well Lambert's law explains it.
 
 Photographs are binned to some hundred or thousand squares of pixels. The fit is that of `photograph.exponent`: robust
-against highlights and cast shadows. Axes: the camera's (OpenCV), x right, y down, z away from it.
+against highlights and cast shadows. A wide gloss that all places have in common can be taken out before.
+Axes: the camera's (OpenCV), x right, y down, z away from it.
 """
 
 from __future__ import annotations
@@ -15,12 +16,15 @@ from numpy.typing import NDArray
 from hagoromo.measurement.photograph_checks import lamp_light, unfit
 from hagoromo.measurement.surface.tile_store import means
 from hagoromo.photograph.capture import Capture
-from hagoromo.photograph.exponent import DARK, OUTLIER, lambert_fit
+from hagoromo.photograph.exponent import DARK, FLOOR, OUTLIER, RELATIVE, lambert_fit
 
 MOST_SQUARES = 1600  # of the sample
 FEWEST_SQUARES = 60
 MOST_FITTED = 8_000  # readings of a fit that is done many times
 LEAST_READINGS = 4  # of a square
+GLOSS_WIDTHS = (0.05, 0.1, 0.2, 0.3, 0.4)  # [rad] of the half vector, of a gloss that is tried
+GLOSS_TURNS = 6  # of the gloss and the normals in turn
+EVIDENT = 0.8  # misfit with gloss over that without, from which it is taken out
 Array = NDArray[Any]
 
 
@@ -28,7 +32,7 @@ Array = NDArray[Any]
 class ShadingSample:
     """K photographs of P squares. values: (K, P) light over the lamp's, where usable (K, P). to_lamp: (K, 3) unit.
     row, column: (P,) of the squares, of a picture `shape` of squares of `side` px; outline: (P, 2) unit, away from the
-    object in the picture (x, y), 0 where the square is not at its outline.
+    object in the picture (x, y), 0 where the square is not at its outline. to_eye: (P, 3) unit.
     """
 
     names: tuple[str, ...]
@@ -40,6 +44,7 @@ class ShadingSample:
     shape: tuple[int, int]
     side: int
     outline: Array
+    to_eye: Array
 
     def few(self) -> ShadingSample:
         """Fewer squares, for a fit that is done many times."""
@@ -47,7 +52,7 @@ class ShadingSample:
         part = np.s_[::step]
         return replace(
             self, values=self.values[:, part], usable=self.usable[:, part], row=self.row[part],
-            column=self.column[part], outline=self.outline[part],
+            column=self.column[part], outline=self.outline[part], to_eye=self.to_eye[part],
         )  # fmt: skip
 
     def fit(self, to_lamp: Array | None = None) -> tuple[Array, Array]:
@@ -57,6 +62,57 @@ class ShadingSample:
         scaled = np.where(self.usable, self.values / largest, 1.0)
         residual, g = lambert_fit(scaled, self.usable, np.broadcast_to(towards[:, None], (*scaled.shape, 3)))
         return residual, g * largest[:, None]
+
+    @property
+    def lit(self) -> Array:
+        """(K, P) the values, NaN where they are not usable."""
+        return np.where(self.usable, self.values, np.nan)
+
+    @property
+    def relief(self) -> float:
+        """How far normals are from their mean [rad], root mean square."""
+        _, g = self.fit()
+        normals = g / np.maximum(np.linalg.norm(g, axis=1, keepdims=True), 1e-300)
+        mean = normals.mean(axis=0)
+        cosine = normals @ (mean / max(float(np.linalg.norm(mean)), 1e-300))
+        return float(np.sqrt(np.mean(np.arccos(np.clip(cosine, -1.0, 1.0)) ** 2)))
+
+    def without_gloss(self) -> ShadingSample:
+        """The sample less the light of a gloss that is the same everywhere, a Gaussian of the angle of the half vector;
+        itself where the photographs show none.
+        """
+        least, best = EVIDENT * self.misfit(), self
+        for width in GLOSS_WIDTHS:
+            matte = self
+            for _ in range(GLOSS_TURNS):
+                matte = self._less_gloss(*matte.fit(), width)
+            misfit = matte.misfit()
+            if misfit < least:
+                least, best = misfit, matte
+        return best
+
+    def _less_gloss(self, residual: Array, g: Array, width: float) -> ShadingSample:
+        """Without the gloss of one width that explains most, with the normals of `g` and the weights of `residual`."""
+        normals = g / np.maximum(np.linalg.norm(g, axis=1, keepdims=True), 1e-300)
+        half = self.to_lamp[:, None] + self.to_eye
+        half /= np.maximum(np.linalg.norm(half, axis=-1, keepdims=True), 1e-300)
+        angle = np.arccos(np.clip(np.sum(half * normals, axis=-1), -1.0, 1.0))
+        lobe = np.where(self.to_lamp @ normals.T > 0.0, np.exp(-((angle / width) ** 2)), 0.0)
+        largest = np.maximum(np.where(self.usable, self.values, 0.0).max(axis=0), 1e-300)
+        weight = np.where(self.usable, 1.0 / np.hypot(RELATIVE * self.values, FLOOR * largest), 0.0)
+        weight *= np.sqrt(np.minimum(1.0, OUTLIER / np.maximum(residual, 1e-12)))
+        own, other = (self._not_lambert(light, weight) for light in (lobe, np.where(self.usable, self.values, 0.0)))
+        strength = max(float(np.sum(own * other)) / max(float(np.sum(own * own)), 1e-300), 0.0)
+        rest = self.values - strength * lobe
+        return replace(self, values=np.maximum(rest, 0.0), usable=self.usable & (rest > 0.0))
+
+    def _not_lambert(self, light: Array, weight: Array) -> Array:
+        """(K, P) the part of weighted light that no normal and albedo of each square explain."""
+        square = weight**2
+        normal = np.einsum("kp,ki,kj->pij", square, self.to_lamp, self.to_lamp, optimize=True)
+        normal += (1e-9 * np.trace(normal, axis1=1, axis2=2) + 1e-300)[:, None, None] * np.eye(3)
+        g = np.linalg.solve(normal, ((square * light).T @ self.to_lamp)[..., None])[..., 0]
+        return weight * (light - self.to_lamp @ g.T)
 
     def misfit(self, to_lamp: Array | None = None) -> float:
         """Mean of Huber's loss of the residuals."""
@@ -95,11 +151,14 @@ def shading_of(capture: Capture) -> ShadingSample | str:
     if enough.sum() < FEWEST_SQUARES:
         return f"fewer than {FEWEST_SQUARES} places are lit by {LEAST_READINGS} lamps"
     row, column = np.nonzero(inside)
-    to_camera = shots[0].camera.world_to_camera[:3, :3]
+    camera = shots[0].camera
+    to_camera = camera.world_to_camera[:3, :3]
+    middles = np.stack([column[enough], row[enough]], axis=1) * side + 0.5 * side
+    to_eye = -camera.unproject(middles) @ to_camera.T
     towards = np.array([shot.lamps[0].to_lamp for shot in shots], np.float64) @ to_camera.T
     return ShadingSample(
         tuple(shot.name for shot in shots), light[:, enough], known[:, enough], towards, row[enough], column[enough],
-        inside.shape, side, _outline(inside)[row, column][enough],
+        inside.shape, side, _outline(inside)[row, column][enough], to_eye,
     )  # fmt: skip
 
 
