@@ -55,7 +55,9 @@ def linearity_of(capture: Capture) -> Exponent | None:
     lit = [_towards(shot, points) for shot in shots]
     values = [_grey(shot, rows, columns) / falloff for shot, (_, falloff) in zip(shots, lit, strict=True)]
     to_lamp = [np.broadcast_to(towards, (len(rows), 3)) for towards, _ in lit]
-    return exponent_of(np.stack(values), np.stack(to_lamp))
+    camera = shots[0].camera
+    to_eye = -camera.unproject(np.stack([columns, rows], axis=1) + 0.5)
+    return exponent_of(np.stack(values), np.stack(to_lamp), to_eye)
 
 
 def why_not_tested(capture: Capture) -> str:

@@ -28,6 +28,9 @@ DARK = 0.01  # share of a pixel's largest value below which a lamp is taken for 
 RELATIVE, FLOOR = 0.03, 0.01  # errors of the model: of the value, and of the pixel's largest value
 OUTLIER = 2.5  # [such errors] residuals beyond count linearly (Huber), as highlights and cast shadows do
 ROUNDS = 3  # reweightings
+GLOSS_WIDTHS = (0.05, 0.1, 0.2, 0.3, 0.4)  # [rad] of the half vector, of a gloss that is tried
+GLOSS_TURNS = 6  # of the gloss and the normals in turn
+EVIDENT = 0.8  # misfit with gloss over that without, from which it is taken out
 PIXEL_GROUPS, LAMP_GROUPS = 8, 6  # that are left out, one after the other, for the error of the exponent (jackknife)
 LEAST_ERROR = 0.01  # of ln p: matte balls in 8 bits under exact lamps come out 0.98 to 1.02
 SIGNIFICANT = 2.0  # standard errors from 1
@@ -123,16 +126,32 @@ class Exponent:
         }
 
 
-def exponent_of(values: Array, to_lamp: Array) -> Exponent | None:
-    """The exponent of values (K, P) over the irradiance that faces their lamp; to_lamp: (K, 3), unit, or (K, P, 3).
+def exponent_of(values: Array, to_lamp: Array, to_eye: Array) -> Exponent | None:
+    """The exponent of values (K, P) over the irradiance that faces their lamp; to_lamp: (K, 3), unit, or (K, P, 3);
+    to_eye: (3,) unit, or (P, 3).
 
-    Values that are not finite or not above 0 are not used. None where the photographs do not determine it: fewer than
-    six lamps, or 60 pixels that five of them light.
+    Where it is not 1, it is asked again of values less the light of a gloss that explains them as linear: on a flat
+    object a gloss brightens whole photographs, which looks as if values were bent. Values that are not finite or not
+    above 0 are not used. None where the photographs do not determine it: fewer than six lamps, or 60 pixels that five
+    of them light.
     """
     if len(values) < FEWEST_LAMPS:
         return None
     to_lamp = np.broadcast_to(to_lamp[:, None] if to_lamp.ndim == 2 else to_lamp, (*values.shape, 3))
-    scaled, usable, to_lamp = _chosen(values, to_lamp)
+    to_eye = np.broadcast_to(np.asarray(to_eye, np.float64), (values.shape[1], 3))
+    scaled, usable, to_lamp, to_eye = _chosen(values, to_lamp, to_eye)
+    by_all = _by_profile(scaled, usable, to_lamp)
+    if by_all is None or not by_all.contradicted:
+        return by_all
+    matte = without_gloss(scaled, usable, to_lamp, to_eye)
+    if matte is None:
+        return by_all
+    by_rest = _by_profile(*_chosen(np.where(matte[1], matte[0], np.nan), to_lamp, to_eye)[:3])
+    return by_rest if by_rest is not None and by_rest.finding == "linear" else by_all
+
+
+def _by_profile(scaled: Array, usable: NDArray[np.bool_], to_lamp: Array) -> Exponent | None:
+    """The exponent of values as `_chosen` gives them."""
     if scaled.shape[1] < FEWEST_PIXELS:
         return None
     misfit = _profile(scaled, usable, to_lamp)
@@ -141,7 +160,7 @@ def exponent_of(values: Array, to_lamp: Array) -> Exponent | None:
     by_pixels = [_least(total - misfit[:, group == k].sum(axis=1)) for k in range(PIXEL_GROUPS)]
     by_lamps = []
     for k in range(LAMP_GROUPS):
-        kept = usable & (np.arange(len(values)) % LAMP_GROUPS != k)[:, None]
+        kept = usable & (np.arange(len(scaled)) % LAMP_GROUPS != k)[:, None]
         still = kept.sum(axis=0) >= FEWEST_AT_A_PIXEL - 1
         by_lamps.append(_least(_profile(scaled[:, still], kept[:, still], to_lamp[:, still]).sum(axis=1)))
     parts = _jackknife(by_pixels), _jackknife(by_lamps), LEAST_ERROR
@@ -156,20 +175,74 @@ def lambert_fit(values: Array, usable: NDArray[np.bool_], to_lamp: Array) -> tup
     return _fit(values, usable, to_lamp, 1.0)
 
 
-def _chosen(values: Array, to_lamp: Array) -> tuple[Array, NDArray[np.bool_], Array]:
-    """Values over the largest of their pixel, whether they count, and the directions (K, P, 3), of up to MOST_PIXELS
-    pixels that enough lamps light.
+def without_gloss(
+    values: Array, usable: NDArray[np.bool_], to_lamp: Array, to_eye: Array
+) -> tuple[Array, NDArray[np.bool_]] | None:
+    """Values (K, P), and which are usable, less the light of a gloss that is the same at all pixels: a Gaussian of the
+    angle of the half vector. None where no such gloss makes Lambert's law fit better by a fifth.
+
+    to_lamp: (K, P, 3); to_eye: (P, 3); unit.
+    """
+    largest = np.maximum(np.where(usable, values, 0.0).max(axis=0), 1e-300)
+    scaled = np.where(usable, values, 0.0) / largest
+    half = to_lamp + to_eye
+    half /= np.maximum(np.linalg.norm(half, axis=-1, keepdims=True), 1e-300)
+
+    def fitted(rest: Array, there: NDArray[np.bool_]) -> tuple[float, Array, Array]:
+        """Misfit, residuals and unit normals of what is left, over its own largest values."""
+        top = np.maximum(np.where(there, rest, 0.0).max(axis=0), 1e-300)
+        residual, g = lambert_fit(np.where(there, rest / top, 1.0), there, to_lamp)
+        normals = g / np.maximum(np.linalg.norm(g, axis=1, keepdims=True), 1e-300)
+        return float(huber(residual)[there].mean()) if there.any() else 0.0, residual, normals
+
+    plain = fitted(scaled, usable)
+    least, best = EVIDENT * plain[0], None
+    for width in GLOSS_WIDTHS:
+        (_, residual, normals), rest, there = plain, scaled, usable
+        misfit = np.inf
+        for _ in range(GLOSS_TURNS):
+            angle = np.arccos(np.clip(np.sum(half * normals, axis=-1), -1.0, 1.0))
+            lobe = np.where(np.sum(to_lamp * normals, axis=-1) > 0.0, np.exp(-((angle / width) ** 2)), 0.0) / largest
+            robust = np.sqrt(np.minimum(1.0, OUTLIER / np.maximum(residual, 1e-12)))
+            weight = np.where(usable, robust / np.hypot(RELATIVE * scaled, FLOOR), 0.0)
+            own, other = (_not_lambert(light, weight, to_lamp) for light in (lobe, scaled))
+            strength = max(float(np.sum(own * other)) / max(float(np.sum(own * own)), 1e-300), 0.0)
+            rest = scaled - strength * lobe
+            there = usable & (rest > 0.0)
+            misfit, residual, normals = fitted(rest, there)
+        if misfit < least:
+            least, best = misfit, (np.maximum(rest, 0.0) * largest, there)
+    return best
+
+
+def _not_lambert(light: Array, weight: Array, to_lamp: Array) -> Array:
+    """(K, P) the part of weighted light that no normal and albedo of each pixel explain."""
+    square = weight**2
+    normal = np.einsum("kp,kpi,kpj->pij", square, to_lamp, to_lamp, optimize=True)
+    normal += (1e-9 * np.trace(normal, axis1=1, axis2=2) + 1e-300)[:, None, None] * np.eye(3)
+    g = np.linalg.solve(normal, np.einsum("kp,kpi->pi", square * light, to_lamp)[..., None])[..., 0]
+    return weight * (light - np.einsum("kpi,pi->kp", to_lamp, g))
+
+
+def huber(scaled: Array) -> Array:
+    """Huber's loss of residuals in errors of the model."""
+    return np.where(scaled < OUTLIER, 0.5 * scaled**2, OUTLIER * (scaled - 0.5 * OUTLIER))
+
+
+def _chosen(values: Array, to_lamp: Array, to_eye: Array) -> tuple[Array, NDArray[np.bool_], Array, Array]:
+    """Values over the largest of their pixel, whether they count, and the directions (K, P, 3) and (P, 3), of up to
+    MOST_PIXELS pixels that enough lamps light.
     """
     light = np.where(np.isfinite(values), values, 0.0)
     largest = light.max(axis=0)
     usable = light > DARK * largest
     pixels = np.flatnonzero(usable.sum(axis=0) >= FEWEST_AT_A_PIXEL)
     pixels = pixels[:: max(-(-len(pixels) // MOST_PIXELS), 1)]
-    usable, to_lamp = usable[:, pixels], to_lamp[:, pixels]
+    usable, to_lamp, to_eye = usable[:, pixels], to_lamp[:, pixels], to_eye[pixels]
     scaled = np.where(usable, light[:, pixels], largest[pixels]) / largest[pixels]
     usable &= _lit(scaled, usable, to_lamp)
     still = usable.sum(axis=0) >= FEWEST_AT_A_PIXEL
-    return scaled[:, still], usable[:, still], to_lamp[:, still]
+    return scaled[:, still], usable[:, still], to_lamp[:, still], to_eye[still]
 
 
 def _jackknife(estimates: Sequence[float]) -> float:
@@ -193,7 +266,7 @@ def _lit(values: Array, usable: NDArray[np.bool_], to_lamp: Array) -> NDArray[np
 def _misfit(values: Array, usable: NDArray[np.bool_], to_lamp: Array, p: float) -> Array:
     """(P,) Huber's misfit of values (K, P) to (g · L)^(1/p), with the best g of each pixel."""
     scaled, _ = _fit(values, usable, to_lamp, p)
-    return np.where(scaled < OUTLIER, 0.5 * scaled**2, OUTLIER * (scaled - 0.5 * OUTLIER)).sum(axis=0)
+    return huber(scaled).sum(axis=0)
 
 
 def _fit(values: Array, usable: NDArray[np.bool_], to_lamp: Array, p: float) -> tuple[Array, Array]:

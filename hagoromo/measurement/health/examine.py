@@ -120,7 +120,7 @@ def _lit(shading: ShadingSample, capture: Capture) -> Lit:
         if exponent is not None and exponent.contradicted:
             return Lit(shading, bent, exponent)
     if matte is not few:
-        return Lit(matte, fitted_lamps(matte, (1.0,)), exponent_of(matte.lit, matte.to_lamp))
+        return Lit(matte, fitted_lamps(matte, (1.0,)), exponent_of(matte.lit, matte.to_lamp, matte.to_eye))
     if linear.uneven and few.relief < FLAT:
         return Lit(shading, linear, None, CONFOUNDED)
     return Lit(shading, linear, linearity_of(with_strengths(capture, linear)) if linear.uneven else stated)

@@ -16,15 +16,12 @@ from numpy.typing import NDArray
 from hagoromo.measurement.photograph_checks import lamp_light, unfit
 from hagoromo.measurement.surface.tile_store import means
 from hagoromo.photograph.capture import Capture
-from hagoromo.photograph.exponent import DARK, FLOOR, OUTLIER, RELATIVE, lambert_fit
+from hagoromo.photograph.exponent import DARK, huber, lambert_fit, without_gloss
 
 MOST_SQUARES = 1600  # of the sample
 FEWEST_SQUARES = 60
 MOST_FITTED = 8_000  # readings of a fit that is done many times
 LEAST_READINGS = 4  # of a square
-GLOSS_WIDTHS = (0.05, 0.1, 0.2, 0.3, 0.4)  # [rad] of the half vector, of a gloss that is tried
-GLOSS_TURNS = 6  # of the gloss and the normals in turn
-EVIDENT = 0.8  # misfit with gloss over that without, from which it is taken out
 Array = NDArray[Any]
 
 
@@ -78,41 +75,10 @@ class ShadingSample:
         return float(np.sqrt(np.mean(np.arccos(np.clip(cosine, -1.0, 1.0)) ** 2)))
 
     def without_gloss(self) -> ShadingSample:
-        """The sample less the light of a gloss that is the same everywhere, a Gaussian of the angle of the half vector;
-        itself where the photographs show none.
-        """
-        least, best = EVIDENT * self.misfit(), self
-        for width in GLOSS_WIDTHS:
-            matte = self
-            for _ in range(GLOSS_TURNS):
-                matte = self._less_gloss(*matte.fit(), width)
-            misfit = matte.misfit()
-            if misfit < least:
-                least, best = misfit, matte
-        return best
-
-    def _less_gloss(self, residual: Array, g: Array, width: float) -> ShadingSample:
-        """Without the gloss of one width that explains most, with the normals of `g` and the weights of `residual`."""
-        normals = g / np.maximum(np.linalg.norm(g, axis=1, keepdims=True), 1e-300)
-        half = self.to_lamp[:, None] + self.to_eye
-        half /= np.maximum(np.linalg.norm(half, axis=-1, keepdims=True), 1e-300)
-        angle = np.arccos(np.clip(np.sum(half * normals, axis=-1), -1.0, 1.0))
-        lobe = np.where(self.to_lamp @ normals.T > 0.0, np.exp(-((angle / width) ** 2)), 0.0)
-        largest = np.maximum(np.where(self.usable, self.values, 0.0).max(axis=0), 1e-300)
-        weight = np.where(self.usable, 1.0 / np.hypot(RELATIVE * self.values, FLOOR * largest), 0.0)
-        weight *= np.sqrt(np.minimum(1.0, OUTLIER / np.maximum(residual, 1e-12)))
-        own, other = (self._not_lambert(light, weight) for light in (lobe, np.where(self.usable, self.values, 0.0)))
-        strength = max(float(np.sum(own * other)) / max(float(np.sum(own * own)), 1e-300), 0.0)
-        rest = self.values - strength * lobe
-        return replace(self, values=np.maximum(rest, 0.0), usable=self.usable & (rest > 0.0))
-
-    def _not_lambert(self, light: Array, weight: Array) -> Array:
-        """(K, P) the part of weighted light that no normal and albedo of each square explain."""
-        square = weight**2
-        normal = np.einsum("kp,ki,kj->pij", square, self.to_lamp, self.to_lamp, optimize=True)
-        normal += (1e-9 * np.trace(normal, axis1=1, axis2=2) + 1e-300)[:, None, None] * np.eye(3)
-        g = np.linalg.solve(normal, ((square * light).T @ self.to_lamp)[..., None])[..., 0]
-        return weight * (light - self.to_lamp @ g.T)
+        """The sample less the light of a gloss that is the same everywhere; itself where the photographs show none."""
+        towards = np.broadcast_to(self.to_lamp[:, None], (*self.values.shape, 3))
+        matte = without_gloss(self.values, self.usable, towards, self.to_eye)
+        return self if matte is None else replace(self, values=matte[0], usable=matte[1])
 
     def misfit(self, to_lamp: Array | None = None) -> float:
         """Mean of Huber's loss of the residuals."""
@@ -121,8 +87,7 @@ class ShadingSample:
 
 def loss(residual: Array, usable: NDArray[np.bool_]) -> float:
     """Mean of Huber's loss."""
-    each = np.where(residual < OUTLIER, 0.5 * residual**2, OUTLIER * (residual - 0.5 * OUTLIER))
-    return float(each[usable].mean()) if usable.any() else 0.0
+    return float(huber(residual)[usable].mean()) if usable.any() else 0.0
 
 
 def shading_of(capture: Capture) -> ShadingSample | str:
