@@ -18,6 +18,7 @@ from msgspec import Meta, structs
 from hagoromo.errors import InputError
 from hagoromo.files.checks import existing_folder, inside
 from hagoromo.files.content import digest
+from hagoromo.files.png import png_header
 from hagoromo.files.record import Record, about, decode, read_json, up_to, write_json
 from hagoromo.light.lamp import Lamp
 from hagoromo.photograph.lamp_files import LP, faces_up, lamp_of_each, load_lamps
@@ -124,6 +125,15 @@ class Folder:
     def photographs(self) -> tuple[str, ...]:
         """Names of the photographs: the files of the format that most of them have; of RAW and JPEG alike, the RAW."""
         return _photographs(self.files)
+
+    @cached_property
+    def eight_bits(self) -> bool:
+        """Whether the first photograph is a PNG of 8 bits, as its header has it."""
+        path = self.home / self.photographs[0]
+        try:
+            return path.suffix.lower() == ".png" and png_header(path).depth == 8
+        except (InputError, OSError):
+            return False
 
     @cached_property
     def left_out(self) -> tuple[str, ...]:

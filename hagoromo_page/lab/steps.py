@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from hagoromo.photograph.photograph_folder import JPEGS
+from hagoromo.photograph.photograph_folder import JPEGS, suffix_of
 from hagoromo_page.lab.folder import CIRCLES_FROM, MASK, ON_BALL, Folder
 from hagoromo_page.lab.step import LabStep, Option, as_words
 
@@ -77,9 +77,21 @@ def _curves(folder: Folder) -> dict[str, str]:
     }  # fmt: skip
 
 
+def _curve(folder: Folder) -> str:
+    """Likeliest by the first file: 8 bits are seldom linear, and what is no JPEG of a camera may be either."""
+    if suffix_of(folder.photographs[0]) in JPEGS:
+        return "srgb"
+    return "estimate" if folder.eight_bits else ""
+
+
+def _rigs(folder: Folder) -> dict[str, str]:
+    files = [one for one in folder.beside if Path(one).suffix == ".json" and "rig" in Path(one).stem.lower()]
+    return {"": "none", **{one: one for one in files if not one.startswith("-")}}
+
+
 def _cameras(folder: Folder) -> dict[str, str]:
     files = [one for one in folder.beside if Path(one).suffix.lower() in CAMERAS and not one.startswith("-")]
-    files = [one for one in files if Path(one).name not in NO_CAMERAS]
+    files = [one for one in files if Path(one).name not in NO_CAMERAS and one not in _rigs(folder)]
     return {"": "from the EXIF", "orthographic": "orthographic", **{one: one for one in files}}
 
 
@@ -94,6 +106,10 @@ def _sources(folder: Folder) -> dict[str, str]:
 
 def _held(folder: Folder) -> dict[str, str]:
     return {Path(name).stem: name for name in folder.photographs if not name.startswith("-")}
+
+
+def _called(folder: Folder) -> str:
+    return "" if folder.home.name.startswith("-") else folder.home.name
 
 
 def _archived(folder: Folder) -> list[str]:
@@ -120,6 +136,7 @@ LAMPS_STEP = LabStep(
     options=(Option("from", "Lamps from", "", _sources, lambda folder: folder.lamp_sources[0]),),
     reads=lambda folder: folder.ball_photographs,
     applies=lambda folder: not folder.has_lamp_file,
+    stands_for={"--mask": "the tool Ball"},
 )  # fmt: skip
 DEVELOP_STEP = LabStep(
     "develop", "Develop the chart", "The chart's photograph becomes linear in light.",
@@ -142,13 +159,11 @@ CAPTURE_STEP = LabStep(
     ("capture",), _capture_given, CAPTURE,
     options=(
         Option("mask", "Mask", "", _masks, lambda folder: "auto"),
-        Option(
-            "transfer", "Transfer", "--transfer", _curves,
-            lambda folder: "srgb" if Path(folder.photographs[0]).suffix.lower() in JPEGS else "",
-        ),
+        Option("transfer", "Transfer", "--transfer", _curves, _curve),
         Option("camera", "Camera", "--camera", _cameras), *FACTS,
     ),
     reads=_capture_reads, after=(LAMPS_STEP, RESPONSE_STEP),
+    stands_for={"--ball": "the tool Ball", "--mask": "Mask", "--lamps": "Lamps from"},
 )  # fmt: skip
 HEALTH_STEP = LabStep(
     "health", "Check the photographs", "Order, lamps, strengths, transfer, motion, blur, mask, calibration.",
@@ -158,6 +173,9 @@ MEASURE_STEP = LabStep(
     "measure", "Measure", "Normals, colour, gloss and shape of every pixel, with their errors.",
     ("measure",), lambda folder: [CAPTURE], MEASURED,
     options=(
+        Option("distance", "Distance [m]", "--distance", hint="camera to object: for mm"),
+        Option("across", "or width [m]", "--across", hint="that the longer side shows"),
+        Option("rig", "Rig", "--rig", _rigs),
         Option("n", "Refractive index", "--n", hint="leave empty if you do not know it"),
         Option(
             "own_light", "Light between its parts", "--own-light",
@@ -178,7 +196,9 @@ RELIGHT_STEP = LabStep(
 PUBLISH_STEP = LabStep(
     "publish", "Publish", "One page to send round: anybody relights the object, without a server.",
     ("publish",), lambda folder: [MEASURED, "--capture", CAPTURE], PAGE,
-    options=(Option("title", "Title", "--title", hint="what the object is called"),),
+    options=(
+        Option("title", "Title", "--title", default=_called, hint="what the object is called"),
+    ),
     after=(MEASURE_STEP,), opens=("",),
 )  # fmt: skip
 EXPORT_STEP = LabStep(
@@ -191,10 +211,12 @@ ARCHIVE_STEP = LabStep(
     "archive", "Archive", "A bag (BagIt) with the digest of every file, for the museum.",
     ("archive",), _archived, BAG,
     options=(
-        Option("inventory", "Inventory number", "--inventory"), Option("title", "Title", "--title"),
+        Option("inventory", "Inventory number", "--inventory", hint="needed"),
+        Option("title", "Title", "--title", default=_called),
         Option("date", "Date", "--date", hint="of the photographs, such as 2026-11-27"),
     ),
     reads=lambda folder: (PROFILE, PAGE, RELIT), after=(MEASURE_STEP,),
+    lacks=lambda folder: () if ARCHIVE_STEP.value("inventory", folder).strip() else ("Inventory number",),
 )  # fmt: skip
 TABLE = (
     LAMPS_STEP,

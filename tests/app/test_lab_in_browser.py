@@ -158,7 +158,6 @@ def test_from_the_first_click_to_the_published_page(window, home):
     for name, text in {"inventory": "1889.12", "title": "Ball"}.items():
         page.fill(f"#archive-{name}", text)
         page.keyboard.press("Tab")
-    page.click("details summary:text-is('Who, where, with what')")
     for name in ("creator", "institution", "licence"):
         page.fill(f"#profile-{name}", f"Some {name}")
         page.keyboard.press("Tab")

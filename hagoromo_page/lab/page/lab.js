@@ -40,7 +40,7 @@ function h(tag, attributes = {}, ...children) {
 // --- where one looks: in the address ---
 function view() {
   const kept = Object.fromEntries(new URLSearchParams(location.hash.slice(1)));
-  return { section: "folder", photograph: "", shows: "photograph", tool: "look", ...kept };
+  return { section: "folder", photograph: "", shows: "photograph", tool: "look", all: "yes", ...kept };
 }
 function look(changes) {
   const next = { ...view(), ...changes };
@@ -235,7 +235,7 @@ function profilePanel() {
     id: `profile-${key}`, value: kept[key] || "", placeholder: NEEDED.includes(key) ? "needed, unless you have a profile" : "", disabled: running(), maxlength: 500,
     onchange: event => { kept[key] = event.target.value; send({ do: "profile", values: kept }); },
   })));
-  return h("details", { open: Object.keys(kept).length > 0 }, h("summary", {}, "Who, where, with what"), h("div", { class: "aside" }, ...rows));
+  return h("details", { open: true }, h("summary", {}, "Who, where, with what"), h("div", { class: "aside" }, ...rows));
 }
 function dome() {
   if (!state.lamps.length) return null;
@@ -282,6 +282,7 @@ function drawTools() {
     if (seen.tool === "swap") made.push(h("button", { id: "reverse", disabled: off, onclick: () => send({ do: "reverse" }) }, "Reverse all"),
       state.as_named ? null : h("button", { id: "as-named", disabled: off, onclick: () => send({ do: "as named" }) }, "Order as named"));
     if (seen.tool === "chart" && state.corners.length) made.push(h("button", { id: "find-corners", disabled: off, onclick: () => send({ do: "corners", corners: [] }) }, "Find them instead"));
+    if (seen.tool === "ball") made.push(h("button", { id: "all", "aria-pressed": String(seen.all === "yes"), title: "The brightest of all photographs at each pixel, lifted out of the dark", onclick: () => look({ all: seen.all === "yes" ? "no" : "yes" }) }, "All in one"));
     if (seen.tool === "ball" && state.by_hand) made.push(h("button", { id: "find-balls", disabled: off, onclick: () => send({ do: "circles", circles: [] }) }, "Find it again"));
   } else if (state.steps) {
     const chip = (shows, label) => h("button", { "aria-pressed": String(seen.shows === shows), onclick: () => look({ shows }) }, label);
@@ -326,7 +327,8 @@ function drawStage() {
     chart.append(cornersOf(state.chart_size));
     return stage.replaceChildren(chart);
   }
-  const frame = framed(size, `/photograph?${new URLSearchParams({ name, size: "large" })}`);
+  const together = seen.tool === "ball" && seen.all === "yes";
+  const frame = framed(size, together ? `/brightest?${new URLSearchParams({ folder: state.folder, of: photographs.length, from: onBall ? photographs[0] : "" })}` : `/photograph?${new URLSearchParams({ name, size: "large" })}`);
   if (seen.tool !== "ball" && (state.mask_found || state.painted)) frame.append(h("img", { src: `/overlay?${version}-${state.painted}`, alt: "", id: "overlay" }));
   frame.append(drawing(size, frame, onBall));
   stage.replaceChildren(frame);
@@ -482,14 +484,20 @@ function drawCommand() {
   const next = busy ? [job.shown] : shown;
   if (copied() !== next.join("\n")) $("shown").replaceChildren(...next.map(one => h("div", {}, one)));
   $("line").hidden = !next.length;
+  $("take").hidden = true;
   $("log").hidden = !job || !job.lines.length;
   if (!job) return;
   const last = $("last"), lines = job.lines, end = lines.length ? lines[lines.length - 1] : "";
   last.className = busy ? "" : job.cancelled ? "" : job.status === 0 ? "good" : "wrong";
-  last.textContent = busy ? end : job.cancelled ? "Cancelled. What was finished before is kept." : job.status === 0 ? `Done: ${end}` : end.replace(/^hagoromo: /, "");
+  const refused = !busy && !job.cancelled && job.status !== 0;
+  last.textContent = busy ? end : job.cancelled ? "Cancelled. What was finished before is kept." : refused ? job.refused.replace(/^hagoromo: /, "") : `Done: ${end}`;
+  $("take").hidden = !(refused && job.circle && !state.by_hand);
   $("lines").textContent = lines.join("\n");
 }
 const copied = () => [...$("shown").children].map(one => one.textContent).join("\n");
+$("take").addEventListener("click", async () => {
+  if (await send({ do: "circles", circles: [state.job.circle] })) look({ section: "photographs", tool: "ball", shows: "photograph", all: "yes" });
+});
 $("cancel").addEventListener("click", () => send({ do: "cancel" }));
 $("copy").addEventListener("click", async () => {
   await navigator.clipboard.writeText(copied());
