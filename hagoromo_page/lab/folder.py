@@ -19,7 +19,7 @@ from hagoromo.errors import InputError
 from hagoromo.files.checks import existing_folder, inside
 from hagoromo.files.content import digest
 from hagoromo.files.png import png_header
-from hagoromo.files.record import Record, about, decode, read_json, up_to, write_json
+from hagoromo.files.record import Record, about, decode, read_json, read_toml, up_to, write_json
 from hagoromo.light.lamp import Lamp
 from hagoromo.photograph.lamp_files import LP, faces_up, lamp_of_each, load_lamps
 from hagoromo.photograph.photograph_folder import (
@@ -33,6 +33,7 @@ from hagoromo.photograph.photograph_folder import (
 from hagoromo.photograph.pixels import SUFFIXES
 
 LAB, RECORD, MASK, CIRCLES_FROM = "lab", "lab/lab.json", "lab/mask.png", "lab/lamps.json"
+PROFILE = "lab/archive.toml"  # who archives, as `archive` takes it by --profile
 ORDERED = ("lab/ordered.lp", "lab/ordered.json")  # lamps as reordered by hand: of an .lp, and of a lamps.json
 MOST_PHOTOGRAPHS, MOST_FOLDERS, MOST_BALLS, LARGEST_LIST = 2000, 200, 8, 1 << 22
 ON_BALL = "ball"  # lamps are read off a chrome ball in the photographs themselves
@@ -109,6 +110,12 @@ class Folder:
             structs.asdict(record) | {"made": {k: structs.asdict(v) for k, v in record.made.items()}},
         )
         self.__dict__["record"] = record
+
+    @cached_property
+    def profile(self) -> dict[str, str]:
+        """Who archives, by key; empty where nobody has said so. `InputError` for a file that is no TOML."""
+        path = self.home / PROFILE
+        return {key: str(value) for key, value in read_toml(path).items()} if path.is_file() else {}
 
     @cached_property
     def files(self) -> tuple[str, ...]:

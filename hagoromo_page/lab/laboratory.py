@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from hagoromo.errors import InputError
-from hagoromo.files.record import decode_one, read_json, read_toml
+from hagoromo.files.record import decode_one, read_json
 from hagoromo.measurement.health.health import Health
 from hagoromo_page.lab import messages
 from hagoromo_page.lab.corrections import clear_mask, paint, reorder, swapped, write_profile
@@ -17,7 +17,7 @@ from hagoromo_page.lab.job import CommandRun
 from hagoromo_page.lab.pictures import FOUND_MASK, Pictures
 from hagoromo_page.lab.said import in_the_window
 from hagoromo_page.lab.step import LabStep, Option
-from hagoromo_page.lab.steps import HEALTH, PROFILE, STEPS, TABLE
+from hagoromo_page.lab.steps import HEALTH, STEPS, TABLE
 
 LEAST_PHOTOGRAPHS = 4  # for a shape that nobody knows
 
@@ -148,7 +148,7 @@ class Laboratory:
             "chart_size": read(lambda: self.pictures.shape(folder, folder.chart)[::-1], None) if folder.chart else None,
             "health": read(lambda: _health(folder), []), "layers": read(lambda: self.pictures.layers(folder), []),
             "maps_size": read(lambda: self.pictures.maps_size(folder), None),
-            "profile": read(lambda: _profile(folder), {}),
+            "profile": read(lambda: folder.profile, {}),
             "steps": [_shown(step, folder) for step in TABLE if step.applies(folder) or step.options],
         }  # fmt: skip
 
@@ -246,8 +246,3 @@ def _health(folder: Folder) -> list[dict[str, Any]]:
         return []
     checks = Health.from_record(read_json(path), str(path)).record()["checks"]
     return [one | {"advice": in_the_window(one["advice"], STEPS["health"], TABLE).text} for one in checks]
-
-
-def _profile(folder: Folder) -> dict[str, str]:
-    path = folder.home / PROFILE
-    return {key: str(value) for key, value in read_toml(path).items()} if path.is_file() else {}

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from hagoromo.errors import InputError
 from hagoromo.photograph.photograph_folder import JPEGS, suffix_of
-from hagoromo_page.lab.folder import CIRCLES_FROM, MASK, ON_BALL, Folder
+from hagoromo_page.lab.folder import CIRCLES_FROM, MASK, ON_BALL, PROFILE, Folder
 from hagoromo_page.lab.step import LabStep, Option, as_words
 
 CAPTURE, HEALTH, MEASURED, RELIT = "lab/capture", "lab/health.json", "lab/measured", "lab/relit"
 CHART, RESPONSE = "lab/chart.exr", "lab/response.csv"
-PAGE, EXPORTED, BAG, PROFILE = "lab/page.html", "lab/export", "lab/bag", "lab/archive.toml"
+PAGE, EXPORTED, BAG = "lab/page.html", "lab/export", "lab/bag"
 CAMERAS = (".json", ".yml", ".yaml")
 NO_CAMERAS = ("lamps.json", "health.json")
 
@@ -112,12 +113,25 @@ def _called(folder: Folder) -> str:
     return "" if folder.home.name.startswith("-") else folder.home.name
 
 
+def _published(folder: Folder) -> list[str]:
+    """The page says what the archive does, where it is filled in."""
+    try:
+        profile = folder.profile
+    except InputError:  # which the window says beside it
+        profile = {}
+    inventory = ARCHIVE_STEP.value("inventory", folder).strip()
+    facts = {"Inventory number": inventory} | {label: profile.get(key, "") for key, label in FACTS_OF_PAGE.items()}
+    stated = [word for label, said in facts.items() if said for word in ("--fact", f"{label}={said}")]
+    return [MEASURED, "--capture", CAPTURE, *stated]
+
+
 def _archived(folder: Folder) -> list[str]:
     results = [name for name in (MEASURED, PAGE, RELIT) if (folder.home / name).exists()]
     profile = ["--profile", PROFILE] if (folder.home / PROFILE).exists() else []
     return [*(results or [MEASURED]), "--originals", *as_words(folder.photographs), *profile]
 
 
+FACTS_OF_PAGE = {"creator": "Made by", "institution": "Institution", "licence": "Licence", "place": "Place"}
 FORMATS = {
     "png": "maps, PNG", "tiff": "maps, TIFF", "exr": "maps, EXR", "glb": "mesh, GLB", "ply": "mesh, PLY", "ptm": "PTM",
     "hsh": "HSH (.rti)", "relight": "Relight (OpenLIME)", "csv": "spectra, CSV", "materialx": "MaterialX",
@@ -195,7 +209,7 @@ RELIGHT_STEP = LabStep(
 )  # fmt: skip
 PUBLISH_STEP = LabStep(
     "publish", "Publish", "One page to send round: anybody relights the object, without a server.",
-    ("publish",), lambda folder: [MEASURED, "--capture", CAPTURE], PAGE,
+    ("publish",), _published, PAGE,
     options=(
         Option("title", "Title", "--title", default=_called, hint="what the object is called"),
     ),

@@ -51,7 +51,8 @@ GENTLE = 0.97  # how much more than needed a picture is reduced
 @dataclass(frozen=True, eq=False)
 class PageSource:
     """maps of the object; taken: the camera and lamps they were measured with; photographs: to compare with;
-    assumptions: of the measurement, in words. look: what is looked at closely.
+    assumptions: of the measurement, in words. look: what is looked at closely. facts: of the object, by name, such as
+    its inventory number.
     """
 
     maps: SurfaceMaps
@@ -59,6 +60,7 @@ class PageSource:
     photographs: tuple[Photograph, ...] = ()
     assumptions: tuple[str, ...] = ()
     look: CloseLook | None = None
+    facts: tuple[tuple[str, str], ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,6 +151,7 @@ def _data(
     return {
         "title": maps.name,
         "note": _note(maps, pixel),
+        "facts": source.facts,
         "assumptions": [*source.assumptions, *_own_assumptions(maps, colours)],
         "alone": True,
         "folder": False,

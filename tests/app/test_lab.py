@@ -12,6 +12,7 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from glob import glob
+from itertools import pairwise
 from types import SimpleNamespace
 from urllib.parse import urlsplit
 
@@ -311,6 +312,17 @@ def test_an_archive_without_an_inventory_number_is_refused_before_anything_runs(
     with pytest.raises(InputError, match="fill in Inventory number first"):
         laboratory.do({"do": "run", "step": "archive"})
     assert not stood_in
+
+
+def test_the_page_says_what_the_archive_does(laboratory):
+    laboratory.do({"do": "choose", "step": "archive", "option": "inventory", "value": "1889.12"})
+    laboratory.do({"do": "profile", "values": {"creator": "Ada", "licence": "CC-BY-4.0", "camera": "R5"}})
+    words = STEPS["publish"].words(laboratory.folder())
+    facts = [word for mark, word in pairwise(words) if mark == "--fact"]
+    assert facts == ["Inventory number=1889.12", "Made by=Ada", "Licence=CC-BY-4.0"]
+    (laboratory.folder().home / "lab" / "archive.toml").write_text("spoilt", encoding="utf-8")
+    state = laboratory.state()
+    assert len(state["faults"]) == 1 and "archive.toml" in state["faults"][0]
 
 
 def test_the_brightest_of_all_photographs_is_lifted_out_of_the_dark(laboratory):

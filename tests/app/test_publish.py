@@ -199,6 +199,19 @@ def test_gloss_that_is_not_determined_has_no_view():
     assert width["note"].startswith("One value for each material: material 0 ")
 
 
+def test_facts_of_the_object_stand_on_the_page(tmp_path, capsys):
+    """As text, whatever they hold; one that is none is one line."""
+    _, measurement = ball(far=True)
+    measurement.save(tmp_path / "measured")
+    command = ["publish", str(tmp_path / "measured"), "--out", str(tmp_path / "page.html")]
+    assert main([*command, "--fact", "Inventory number=1889.12", "--fact", "Institution=<b>A = B</b>"]) == 0
+    text = (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert "<dt>Inventory number</dt><dd>1889.12</dd>" in text
+    assert "<dt>Institution</dt><dd>&lt;b&gt;A = B&lt;/b&gt;</dd>" in text
+    assert main([*command, "--force", "--fact", "1889.12"]) == 2
+    assert "'1889.12' is no fact: give NAME=TEXT" in capsys.readouterr().err
+
+
 def test_body_colours_beyond_1_are_shown_by_a_stated_factor(browser, tmp_path):
     """Of a ball five times as bright as white: without it all of it is white."""
     _, measurement = ball(far=True)
