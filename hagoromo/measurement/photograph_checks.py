@@ -55,7 +55,7 @@ def linearity_of(capture: Capture) -> Exponent | None:
     lit = [_towards(shot, points) for shot in shots]
     values = [_grey(shot, rows, columns) / falloff for shot, (_, falloff) in zip(shots, lit, strict=True)]
     to_lamp = [np.broadcast_to(towards, (len(rows), 3)) for towards, _ in lit]
-    return exponent_of(np.stack(values), np.stack(to_lamp))
+    return exponent_of(np.stack(values), np.stack(to_lamp), -shots[0].camera.camera_to_world[:3, 2])
 
 
 def why_not_tested(capture: Capture) -> str:

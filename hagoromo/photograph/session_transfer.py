@@ -93,6 +93,7 @@ def _exponents(shaded: Shaded) -> list[Exponent | None]:
         numbers.append(picture[rows[chosen], columns[chosen]])
     every = np.stack(numbers)
     to_lamp = np.stack([np.asarray(lamp.to_lamp) for lamp in shaded.lamps])
+    to_eye = np.array([0.0, 0.0, np.copysign(1.0, to_lamp[:, 2].mean())])  # lamps are on the camera's side
     pairs = zip(shaded.exposures, shaded.lamps, strict=True)
     scale = np.array([time * float(np.mean(lamp.intensity)) for time, lamp in pairs])
     clipped = (every == 255).any(axis=2)
@@ -100,7 +101,7 @@ def _exponents(shaded: Shaded) -> list[Exponent | None]:
     for light, least in ((every / 255.0, BRIGHT), (srgb_decode(every.astype(np.float64)), BRIGHT**2.2)):
         bright = np.max(light.mean(axis=2), axis=0) > least
         values = np.where(clipped, np.nan, light.mean(axis=2)) / scale[:, None]
-        found.append(exponent_of(values[:, bright], to_lamp))
+        found.append(exponent_of(values[:, bright], to_lamp, to_eye))
     return found
 
 
