@@ -9,11 +9,12 @@ const SECTIONS = [
   { name: "compare", title: "Compare", steps: ["relight"] },
   { name: "share", title: "Publish and keep", steps: ["publish", "export", "archive"] },
 ];
-const TOOLS = { look: "Look", ball: "Ball", object: "Object", background: "Background", "as found": "Eraser", swap: "Swap", chart: "Chart" };
+const TOOLS = { look: "Look", ball: "Ball", object: "Object", background: "Background", "as found": "Eraser", swap: "Swap", chart: "Chart", scale: "Scale" };
 const HINTS = {
   look: "", ball: "Drag the circle, or its white handle; drag elsewhere to draw one.", object: "Paint what is object.",
   background: "Paint what is not the object.", "as found": "Takes back what was painted.",
   chart: "Click its four corners, clockwise from the brown patch.",
+  scale: "Drag along a ruler, or any length that you know.",
   swap: "Choose two photographs below; their lamps are exchanged.",
 };
 const PROFILE = { creator: "Made by", institution: "Institution", licence: "Licence", place: "Place", contact: "Contact", camera: "Camera", lens: "Lens", lamps: "Lamps" };
@@ -22,7 +23,7 @@ const COLOURS = { object: "#2ea043", background: "#d03030", "as found": "#9aa0a8
 const SVG = "http://www.w3.org/2000/svg";
 const POLL_MS = 400, IDLE_MS = 4000;
 
-let state = null, drawn = {}, chosen = null, brush = 0.03, fault = "", version = 0, dragging = false;
+let state = null, drawn = {}, chosen = null, known = null, brush = 0.03, fault = "", version = 0, dragging = false;
 const $ = id => document.getElementById(id);
 
 function h(tag, attributes = {}, ...children) {
@@ -133,7 +134,7 @@ function draw() {
   if (!state) return;
   const seen = view(), { job, ...still } = state, busy = running();
   part("steps", [still, seen.section, busy, current()], drawSteps);
-  part("tools", [still.steps, still.layers, still.painted, still.by_hand, still.chart, still.corners, still.as_named, still.lamps_in_file, seen, busy, brush], drawTools);
+  part("tools", [known, still.steps, still.layers, still.painted, still.by_hand, still.chart, still.corners, still.as_named, still.lamps_in_file, seen, busy, brush], drawTools);
   part("notes", [still.faults, still.advice, fault, seen.section], drawNotes);
   part("stage", [still.folder, still.photographs.length, still.circles, still.chart, still.corners, still.painted, still.mask_found, still.size, still.faults, seen, current(), version], drawStage);
   part("strip", [still.folder, still.order, still.lamps, still.photographs, current(), chosen, seen.tool, busy], drawStrip);
@@ -272,7 +273,7 @@ function drawTools() {
       if (name === "swap" && !state.lamps_in_file) continue;
       if (name === "ball" && state.lamps_in_file) continue;
       if (name === "chart" && !state.chart) continue;
-      made.push(h("button", { id: `tool-${name.replace(" ", "-")}`, "aria-pressed": String(seen.tool === name), disabled: off && name !== "look", title: HINTS[name], onclick: () => { chosen = null; look({ tool: name, shows: "photograph" }); } }, label));
+      made.push(h("button", { id: `tool-${name.replace(" ", "-")}`, "aria-pressed": String(seen.tool === name), disabled: off && name !== "look", title: HINTS[name], onclick: () => { chosen = known = null; look({ tool: name, shows: "photograph" }); } }, label));
       if (name === "look" || name === "as found") made.push(h("span", { class: "gap" }));
     }
     if (["object", "background", "as found"].includes(seen.tool)) {
@@ -281,6 +282,7 @@ function drawTools() {
     }
     if (seen.tool === "swap") made.push(h("button", { id: "reverse", disabled: off, onclick: () => send({ do: "reverse" }) }, "Reverse all"),
       state.as_named ? null : h("button", { id: "as-named", disabled: off, onclick: () => send({ do: "as named" }) }, "Order as named"));
+    if (seen.tool === "scale") made.push(...lengthTools(off));
     if (seen.tool === "chart" && state.corners.length) made.push(h("button", { id: "find-corners", disabled: off, onclick: () => send({ do: "corners", corners: [] }) }, "Find them instead"));
     if (seen.tool === "ball") made.push(h("button", { id: "all", "aria-pressed": String(seen.all === "yes"), title: "The brightest of all photographs at each pixel, lifted out of the dark", onclick: () => look({ all: seen.all === "yes" ? "no" : "yes" }) }, "All in one"));
     if (seen.tool === "ball" && state.by_hand) made.push(h("button", { id: "find-balls", disabled: off, onclick: () => send({ do: "circles", circles: [] }) }, "Find it again"));
@@ -292,6 +294,18 @@ function drawTools() {
       if (step.state !== "to do") made.push(...step.opens.map(name => chip(`result:${name}`, step.name === "publish" ? "Page" : "Report")));
   }
   tools.replaceChildren(...made.filter(Boolean));
+}
+// A known length across the photograph gives what its longer side shows: the width that `measure` takes.
+function lengthTools(off) {
+  const measure = stepOf("measure"), stated = measure && measure.options.find(one => one.name === "across").value;
+  const take = async event => {
+    const mm = Number(event.target.value), px = Math.hypot(known[2] - known[0], known[3] - known[1]);
+    if (!(mm > 0)) return;
+    const across = (1e-3 * mm * Math.max(...state.size) / px).toPrecision(4);
+    if (await send({ do: "choose", step: "measure", option: "across", value: String(Number(across)) })) send({ do: "choose", step: "measure", option: "distance", value: "" });
+  };
+  return [known ? h("label", {}, "It is", h("input", { id: "length", size: 6, disabled: off, onchange: take }), "mm long") : null,
+    stated ? h("span", { id: "across" }, `The longer side shows ${Number((1e3 * stated).toPrecision(4))} mm`) : null];
 }
 function drawNotes() {
   const lines = [fault, ...state.faults].filter(Boolean).map(text => h("li", { class: "wrong" }, text));
@@ -359,6 +373,20 @@ function drawing(size, frame, onBall) {
       drag(event, svg, now => { fresh[2] = Math.max(Math.hypot(now[0] - start[0], now[1] - start[1]), 1); shape(ball, fresh); }, place,
         () => fresh[2] > 0.01 * size[0] ? send({ do: "circles", circles: [...(state.by_hand ? circles : []), fresh] }) : ball.remove());
     });
+  }
+  if (tool === "scale") {
+    const line = h("line", { class: "rule", id: "rule" });
+    const show = ([x1, y1, x2, y2]) => { for (const [key, value] of Object.entries({ x1, y1, x2, y2 })) line.setAttribute(key, value); };
+    if (known) show(known);
+    svg.append(line);
+    if (!running()) svg.addEventListener("pointerdown", event => {
+      if (event.button) return;
+      const start = place(event);
+      let end = start;
+      drag(event, svg, now => { end = now; show([...start, ...end]); }, place,
+        () => { known = Math.hypot(end[0] - start[0], end[1] - start[1]) > 2 ? [...start, ...end] : null; draw(); const field = $("length"); if (field) field.focus(); });
+    });
+    return svg;
   }
   if (COLOURS[tool] && !running()) {
     frame.classList.add("paint");
