@@ -216,6 +216,7 @@ def test_body_colours_beyond_1_are_shown_by_a_stated_factor(browser, tmp_path):
     """Of a ball five times as bright as white: without it all of it is white."""
     _, measurement = ball(far=True)
     materials = tuple(one.times(5.0) for one in measurement.materials)
+    assert measurement.body is not None
     body = replace(measurement.body, value=5.0 * measurement.body.value)
     publish(replace(measurement, materials=materials, body=body), tmp_path / "page.html")
     opened = Opened(browser, tmp_path / "page.html")
