@@ -42,8 +42,8 @@ COLLAR = (
     TubeRow(45, 46, 46, 1.0, 0.5),
 )
 COLLAR_AT, COLLAR_TILT = (208.0, 240.0), 27.0  # beside the neck above the coif's lower hem, in front below the chin
-# Around it behind, and from the edge of the face backwards. Behind, it goes over the head and down over the throat: where
-# it is cut much narrower than that way (154 mm), it is drawn up and bunches under the chin.
+# Around it behind, and from the edge of the face backwards. Behind, it goes over the head and down over the throat: cut
+# much narrower than that way (154 mm), its throat is drawn up by its own springs, and bunches under the chin.
 COIF = 145.0, 25.0
 FACE = (0.0, -9.5, -5.3), (10.2, 14.1)  # of the head: middle and half sizes of the edge of the face
 WIDER, HIGHER, OPENED = 1.36, 1.144, 20.0  # behind than at the face, from this far back
