@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from tyro.conf import Positional, arg
+from tyro.conf import Positional, UseAppendAction, arg
 
 import hagoromo as hg
 from hagoromo.app.progress_bar import progress_bar
@@ -20,6 +20,7 @@ def publish(
     out: Out,
     capture: Path | None = None,
     title: str = "",
+    fact: UseAppendAction[tuple[str, ...]] = (),
     lamps: Annotated[int | None, arg(help=f"how many lamps a box or scene is rendered under; default: {LAMPS}")] = None,
     error: float | None = None,
     force: Force = False,
@@ -33,6 +34,7 @@ def publish(
         measured: folder that `measure` wrote, BOX.zarr, or SCENE.toml.
         capture: folder that was measured: photographs to compare with.
         title: of the page: what the object is called; without it the name that the capture, or the box, states.
+        fact: NAME=TEXT that the page says of the object, such as "Inventory number=1889.12"; any number of them.
         error: of display values between the lamps of a box or scene, of 255: lamps are added until it is reached,
             512 at most; without it, as many as --lamps says.
     """
@@ -42,6 +44,9 @@ def publish(
     if not boxes and (lamps, error) != (None, None):
         option = "--error" if lamps is None else "--lamps"
         raise hg.InputError(f"a measured object is lit by its reflectance, from everywhere: leave {option} out")
+    facts = _facts(fact)
+    if boxes and facts:
+        raise hg.InputError(f"{measured} is no measured object: leave --fact out")
     with progress_bar("publish") as progress:
         if boxes:
             count = LAMPS if lamps is None else lamps
@@ -50,7 +55,17 @@ def publish(
             )
             said = [str(page)]
         else:
-            page = hg.publish(measured, out, capture=capture, title=title, force=force, progress=progress)
+            page = hg.publish(measured, out, capture=capture, title=title, facts=facts, force=force, progress=progress)
             said = [str(page), *(f"lost of {each}" for each in page.lost)]
     say(*said)
     wrote(out if out.suffix.lower() in (".html", ".htm") else out / "index.html")
+
+
+def _facts(texts: tuple[str, ...]) -> dict[str, str]:
+    found: dict[str, str] = {}
+    for text in texts:
+        name, equals, said = (part.strip() for part in text.partition("="))
+        if not (name and equals and said):
+            raise hg.InputError(f"{text!r:.80} is no fact: give NAME=TEXT, such as 'Inventory number=1889.12'")
+        found[name] = said
+    return found

@@ -213,6 +213,7 @@ def measure(
     out: Out,
     n: float | None = None,
     distance: float | None = None,
+    across: float | None = None,
     facets: Literal["auto", "gaussian", "student-t"] = "auto",
     interface: Literal["auto", "neutral", "coloured"] = "auto",
     own_light: Literal["report", "subtract"] = "report",
@@ -227,6 +228,8 @@ def measure(
         capture: folder with transforms.json, its lamps known; without its shape it needs four lamps or more.
         n: refractive index, where it is known.
         distance: from the camera to an object of unknown shape [m] (default: to the world's origin).
+        across: what the longer side of the picture shows at the object [m], in place of the distance: it is the scale
+            where no focal length is known.
         facets: Gaussian, with tails (student-t), or by evidence (auto).
         interface: in the colour of the lamp (neutral), coloured, or by evidence (auto).
         own_light: the light that an object of unknown shape sends to itself: report it, or subtract it and solve again.
@@ -235,7 +238,7 @@ def measure(
     """
     with whole_folder(out, force) as home, progress_bar("measure") as progress:
         measurement = hg.measure(
-            capture, n=n, distance=distance, facets=facets, interface=interface, own_light=own_light,
+            capture, n=n, distance=distance, across=across, facets=facets, interface=interface, own_light=own_light,
             estimate=estimate, rig=rig, scratch=home, progress=progress, scheduler=scheduler.chosen,
         )  # fmt: skip
         measurement.write_into(home)

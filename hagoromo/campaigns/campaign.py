@@ -16,11 +16,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.camera.camera import Camera, is_unplaced
+from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.measurement.measurement import Measurement
+from hagoromo.measurement.scale import has_scale
 from hagoromo.measurement.squares import square_means
 
 Array = NDArray[np.float64]
@@ -130,15 +131,8 @@ def campaign(measurement: Measurement, name: str) -> Campaign:
         _shared(measurement, "alpha"),
         gloss_shared,
         gloss is not None and measurement.gloss is not None,
-        _in_metres(measurement, taken.camera, taken.lamps),
+        has_scale(measurement, taken),
     )
-
-
-def _in_metres(measurement: Measurement, camera: Camera, lamps: tuple[Lamp, ...]) -> bool:
-    """Whether the distance of the object was given, or follows from near lamps."""
-    if measurement.settings.get("distance_m") is not None or any(lamp.position is not None for lamp in lamps):
-        return True
-    return bool(np.any(camera.position)) and not is_unplaced(camera)
 
 
 def _body_variance(

@@ -35,7 +35,7 @@ from hagoromo.light.colour import srgb_encode
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.matter.build import build, kept_box
-from hagoromo.matter.recipe import kind_of_tables, recipe_place
+from hagoromo.matter.recipe import check_recipe, kind_of_tables, recipe_place
 from hagoromo.progress import Progress, part_of, silent
 from hagoromo.volume.box import VolumeBox
 
@@ -112,7 +112,7 @@ def recipe_sheet(
     keys at most have several values; others are set to their one. All cells have the seed of the recipe, one far lamp
     (D65), one camera that sees the largest box, or `across` [m] of its middle, and one exposure. side: of a cell [px].
     Boxes are taken from the cache, and put there. `InputError` for a key or a value that the recipe does not take; it
-    names those that it has: before any box is built, where the schema of the recipe is enough to know.
+    names those that it has: before any box is built, where the recipe's schema and its kind of matter know it.
     """
     place = recipe_place(recipe)
     tables, where, folder = read_toml(place), str(place), place.parent
@@ -128,6 +128,7 @@ def recipe_sheet(
         for along in columns.values if columns else (None,):
             own = [(key, value) for key, value in ((columns, along), (rows, down)) if key is not None]
             boxes.add(_with(tables, fixed + own), _stated(own or fixed))
+    boxes.check()
     count = len(boxes.varied)
     parts = [part_of(progress, BUILDING * k / count, BUILDING / count) for k in range(count)]
     bounds = [brick_corners(boxes.box(k, part)) for k, part in enumerate(parts)]
@@ -190,6 +191,12 @@ class _Boxes:
 
     def add(self, tables: dict[str, Any], name: str) -> None:
         self.varied.append((tables, name))
+
+    def check(self) -> None:
+        """`InputError` for the first that its kind of matter refuses, before any is built."""
+        for tables, name in self.varied:
+            with described(f"{self.where} with {name}"):
+                check_recipe(tables, self.folder, "recipe")
 
     def box(self, number: int, progress: Progress = silent) -> VolumeBox:
         if number in self.held:

@@ -87,13 +87,15 @@ class Recipe(NamedTuple, Generic[T]):
 class Kind(NamedTuple):
     """A kind of matter: element of its micro-structure ("": see `element_of`), its tables, its plan.
 
-    record: a `RecipeTable` with the keys of this kind; its JSON Schema is made from it.
+    record: a `RecipeTable` with the keys of this kind; its JSON Schema is made from it. check: raises `InputError` at
+    once for a recipe that `plan`, which may take minutes, would refuse.
     """
 
     element: Element | Literal[""]
     record: type[RecipeTable]
     plan: Callable[[Recipe[Any]], BoxPlan]
     element_of: Callable[[Any], Element] | None = None
+    check: Callable[[Recipe[Any]], object] | None = None
 
 
 @cache
@@ -132,12 +134,27 @@ def planned(recipe: Mapping[str, Any] | str | Path, folder: Path | None = None) 
         record, where, folder = read_toml(recipe), str(recipe), recipe.parent
     else:
         record, where = dict(recipe), "recipe"
+    kind, decoded = _decoded(record, folder, where)
+    with described(where):
+        plan = kind.plan(decoded).with_extinction(decoded.table.extinction)
+    return plan.named(decoded.table.name, {"recipe": record}), where, folder
+
+
+def check_recipe(tables: Mapping[str, Any], folder: Path | None, where: str) -> None:
+    """`InputError` for a recipe that is seen to be wrong without planning its box: keys, values, and what the kind of
+    matter checks of them together. folder: as of `planned`.
+    """
+    kind, decoded = _decoded(tables, folder, where)
+    if kind.check is not None:
+        with described(where):
+            kind.check(decoded)
+
+
+def _decoded(record: Mapping[str, Any], folder: Path | None, where: str) -> tuple[Kind, Recipe[Any]]:
     kind = kind_of_tables(record, where)
     table = decode(record, kind.record, where)
     element = kind.element_of(table) if kind.element_of else kind.element or "plane"
-    with described(where):
-        plan = kind.plan(Recipe(table, element, folder, where)).with_extinction(table.extinction)
-    return plan.named(table.name, {"recipe": record}), where, folder
+    return kind, Recipe(table, element, folder, where)
 
 
 def kind_of_tables(record: Mapping[str, Any], where: str) -> Kind:

@@ -17,6 +17,7 @@ from typing import get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from hagoromo.camera.camera import Camera
 from hagoromo.cluster.cluster import Workers, here_or_on
 from hagoromo.errors import InputError
 from hagoromo.measurement.error_files import SharedErrors
@@ -52,6 +53,7 @@ def measure(
     *,
     n: float | None = None,
     distance: float | None = None,
+    across: float | None = None,
     labels: NDArray[np.integer] | None = None,
     colour_from_highlights: bool = False,
     facets: Facets = "auto",
@@ -72,7 +74,8 @@ def measure(
 
     n: refractive index where it is known; of a capture with known shape only. distance: from the camera to an object of
     unknown shape [m], by default to the world's origin, or 1 m where the camera stands there and all lamps are far;
-    under near lamps it is a first guess. labels: (h, w) materials
+    under near lamps it is a first guess. across: what the longer side of the picture shows at the object [m], in place
+    of the distance; an orthographic view has no other scale. labels: (h, w) materials
     0, 1, …, −1 unknown, and colour_from_highlights: whether to measure the colour of the lamps; both of a capture with
     known shape only. facets: "gaussian", "student-t" (with tails, whose ν is estimated) or "auto": with tails where
     there is evidence for them. interface: "neutral" (the colour of the lamp), "coloured" or "auto". own_light: what to
@@ -90,7 +93,12 @@ def measure(
     `InputError` for a capture that can be measured in no way.
     """
     check_model(facets, interface)
-    settings = {"n": n, "distance_m": distance, "colour_from_highlights": colour_from_highlights or None}
+    settings = {
+        "n": n,
+        "distance_m": distance,
+        "across_m": across,
+        "colour_from_highlights": colour_from_highlights or None,
+    }
     settings |= {key: of for key, of in (("facets", facets), ("interface", interface)) if of != "auto"}
     settings |= {"own_light": own_light} if own_light != "report" else {}
     settings |= {"estimate": list(estimate)} if estimate else {}
@@ -98,7 +106,7 @@ def measure(
         raise InputError(f"own_light is {own_light!r}: it is 'report' or 'subtract'")
     wanted = Wanted(n, labels, colour_from_highlights, facets, interface, own_light, terms_named(estimate))
     rig = Rig.load(rig) if isinstance(rig, (str, Path)) else rig
-    where = Where(distance, scratch, scheduler)
+    where = Where(distance, across, scratch, scheduler)
     measurement = _assumed(_measured(capture, wanted, where, progress, rig))
     stated = {key: value for key, value in settings.items() if value is not None}
     return replace(measurement, settings=stated, seed=SEED)
@@ -138,8 +146,24 @@ class Where:
     """Where the object is, and where it is measured: see `measure`."""
 
     distance: float | None
+    across: float | None
     scratch: str | Path | None
     scheduler: str | int | None
+
+    def seen_by(self, camera: Camera) -> Where:
+        """With `across` as a distance; `InputError` where both are stated, or what is stated is no scale."""
+        if self.across is None:
+            if self.distance is not None and camera.orthographic:
+                raise InputError(
+                    "the view is orthographic, as no focal length is known, and then a distance gives no scale: give "
+                    "what the longer side of the picture shows at the object (--across) [m], or capture with --camera"
+                )
+            return self
+        if self.distance is not None:
+            raise InputError("distance and across both give the scale: state one of them (--distance, --across)")
+        if not (np.isfinite(self.across) and self.across > 0.0):
+            raise InputError(f"across is {self.across}: what the longer side of the picture shows [m], above 0")
+        return replace(self, distance=self.across * max(camera.focal) / max(camera.width, camera.height), across=None)
 
 
 def _measured(
@@ -155,11 +179,13 @@ def _measured(
                     " then: reduce them, or leave --estimate out"
                 )
             source = replace(source, rig=rig)
-            away = _distance(source.photograph(0), where.distance, wanted)
+            first = source.photograph(0)
+            away = _distance(first, where.seen_by(first.camera).distance, wanted)
             home = Path(where.scratch or tempfile.gettempdir())
             with here_or_on(where.scheduler) as workers:
                 return replace(_measure_tiles(source, home, away, progress, wanted.model, workers), rig=rig)
     whole = capture if isinstance(capture, Capture) else load_capture(capture)
+    where = where.seen_by(whole.photographs[0].camera)
     if rig is None:
         return _measured_whole(whole, wanted, where, progress)
     return _under(rig, whole, wanted, where, progress)

@@ -8,8 +8,8 @@ from hagoromo.measurement.photographed import Photographed
 
 
 def has_scale(measurement: Measurement, taken: Photographed) -> bool:
-    """Whether lengths are metres: a distance was given, or lamps and camera say where the object is."""
-    if measurement.settings.get("distance_m") is not None:
+    """Whether lengths are metres: a distance or a width was given, or lamps and camera say where the object is."""
+    if any(measurement.settings.get(key) is not None for key in ("distance_m", "across_m")):
         return True
     if is_unplaced(taken.camera):
         return False

@@ -24,15 +24,17 @@ from hagoromo_formats.relightable.measured_brdf import COVARIANCE, measured_brdf
 from hagoromo_formats.relightable.mesh import albedo_map, roughness, triangles, write_mesh
 from hagoromo_formats.relightable.openmaterial import write_openmaterial
 from hagoromo_formats.relightable.rti import BASES, WRITERS, fitted
-from hagoromo_page.publication.lit import Array, hemisphere, reflected, shown, white_level
+from hagoromo_page.publication.lit import Array, colour_factor, hemisphere, reflected, shown, white_level
 from hagoromo_page.publication.publish import page_source
 from hagoromo_page.publication.surface_maps import SurfaceMaps
 
 LAMPS, TESTED = 60, 12  # directions that relightable formats are fitted to, and tested with
 FULL = 65535.0
 FORMATS = EXPORTS
+IN_RANGE = ("png", "tiff", "glb", "ply", "materialx", "openpbr")  # formats whose colours are 0…1
 OF_MATERIALS = ("materialx", "openpbr", "rgl")  # formats that need no surface
 INSTEAD = "its channels stand as red, green and blue, for rgb variants of Mitsuba"
+BEYOND = "these are beyond 1, as they are where nobody stated how strong the lamps are"
 RTI = {"rti": ("hsh", "ptm")}  # what programs for RTI open: a word for both of their files
 # What every object loses; what its reflectances lose, by their parameters, is said by `losses`
 LOST = {
@@ -77,14 +79,15 @@ def export(
     left = [name for name in named if name not in refused]
     if not left:
         raise InputError("; ".join(refused.values()) or f"no format was given: give some of {', '.join(FORMATS)}")
+    factor = _colour_factor(source, maps)
     record: dict[str, Any] = {
-        "formats": {name: _lost(name, source) for name in left},
+        "formats": {name: _lost(name, source, factor if name in IN_RANGE else 1.0) for name in left},
         "refused": refused,
         **({} if maps is None else {"axes": "x right, y up, z to the camera", "lengths": _lengths(maps)}),
         "hagoromo": written_by(),
     }
     with whole_folder(out, force) as home:
-        for name, written in _write(home, left, source, maps, progress).items():
+        for name, written in _write(home, left, source, maps, factor, progress).items():
             record["formats"][name] |= written
         write_json(home / "export.json", record)
     return record
@@ -128,14 +131,22 @@ def _refusal(name: str, source: Measurement, maps: SurfaceMaps | None) -> str:
 
 
 def _write(
-    home: Path, names: Sequence[str], source: Measurement, maps: SurfaceMaps | None, progress: Progress
+    home: Path,
+    names: Sequence[str],
+    source: Measurement,
+    maps: SurfaceMaps | None,
+    factor: float,
+    progress: Progress,
 ) -> dict[str, Any]:
-    """Write the formats; gives what the record says of them beside their losses."""
+    """Write the formats, those of IN_RANGE with colours times `factor`; gives what the record says of them beside their
+    losses.
+    """
     written: dict[str, Any] = {}
+    in_range = [one.times(factor) for one in source.materials]
     if "materialx" in names:
-        write_materialx(home / "materials.mtlx", source.materials)
+        write_materialx(home / "materials.mtlx", in_range)
     if "openpbr" in names:
-        off = write_openpbr(home / "openpbr.mtlx", source.materials)
+        off = write_openpbr(home / "openpbr.mtlx", in_range)
         differs = {one.name: list(each) for one, each in zip(source.materials, off, strict=True)}
         written["openpbr"] = {"file": "openpbr.mtlx", "relative_difference": differs}
     if "rgl" in names:
@@ -150,25 +161,38 @@ def _write(
         return written
     for name in names:
         if name in PLANES:
-            _write_planes(home, name, maps)
+            _write_planes(home, name, maps, factor)
     meshes = {name: home / f"object.{name}" for name in ("glb", "ply") if name in names}
     if meshes:
-        write_mesh(meshes, maps, shown(albedo_map(maps), 1.0))
+        write_mesh(meshes, maps, shown(albedo_map(maps), 1.0 / factor))
     relightable = [name for name in names if name in WRITERS]
     return written | (_write_relightable(home, relightable, maps, progress) if relightable else {})
 
 
-def _lost(form: str, source: Measurement) -> dict[str, Any]:
-    """What a format loses: of every object, and of the reflectance of each material."""
+def _colour_factor(source: Measurement, maps: SurfaceMaps | None) -> float:
+    """`colour_factor`; of materials without pixels by the brightest channel of all."""
+    if maps is not None:
+        return colour_factor(maps)
+    brightest = max((np.pi * one.alpha * max(one.body_colour) for one in source.materials), default=0.0)
+    return 1.0 / max(brightest, 1.0)
+
+
+def _lost(form: str, source: Measurement, factor: float) -> dict[str, Any]:
+    """What a format loses: of every object, and of the reflectance of each material. factor: on its colours."""
     lines = losses(form, source.materials)
     if form == "rgl":
         bare = [one.name for one in source.materials if one.name not in source.body_spectra]
         lines += [f"material {name!r}: its spectrum, which is not known: {INSTEAD}" for name in bare]
-    return {"lost": f"{LOST[form]}; {EVIDENCE}", "lost_of_materials": lines}
+    if factor == 1.0:
+        return {"lost": f"{LOST[form]}; {EVIDENCE}", "lost_of_materials": lines}
+    scale = f"the scale of the colours, which are {factor:.3g} times those measured: {BEYOND}"
+    return {"lost": f"{scale}; {LOST[form]}; {EVIDENCE}", "lost_of_materials": lines, "colours_times": factor}
 
 
-def _write_planes(home: Path, kind: str, maps: SurfaceMaps) -> None:
-    """normals, albedo, roughness and depth; of 16 bits: −1…1, 0…1 (sRGB curve), 0…1 and near…far as 0…65535."""
+def _write_planes(home: Path, kind: str, maps: SurfaceMaps, factor: float) -> None:
+    """normals, albedo, roughness and depth; of 16 bits: −1…1, 0…1 (sRGB curve), 0…1 and near…far as 0…65535. The albedo
+    of those is times `factor`.
+    """
     albedo, rough = albedo_map(maps), _roughness(maps)
     if kind == "exr":
         layers = dict(zip(("N.X", "N.Y", "N.Z"), np.moveaxis(maps.normals, 2, 0), strict=True))
@@ -179,7 +203,7 @@ def _write_planes(home: Path, kind: str, maps: SurfaceMaps) -> None:
         return
     planes = {
         "normals": np.where(maps.known[..., None], 0.5 + 0.5 * maps.normals, 0.0),
-        "albedo": shown(albedo, 1.0),
+        "albedo": shown(albedo, 1.0 / factor),
         "roughness": rough,
     }
     if maps.depth is not None:

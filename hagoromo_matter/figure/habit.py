@@ -42,11 +42,13 @@ COLLAR = (
     TubeRow(45, 46, 46, 1.0, 0.5),
 )
 COLLAR_AT, COLLAR_TILT = (208.0, 240.0), 27.0  # beside the neck above the coif's lower hem, in front below the chin
-COIF = 100.0, 25.0  # around it behind, and from the edge of the face backwards
+# Around it behind, and from the edge of the face backwards. Behind, it goes over the head and down over the throat: cut
+# much narrower than that way (154 mm), its throat is drawn up by its own springs, and bunches under the chin.
+COIF = 145.0, 25.0
 FACE = (0.0, -9.5, -5.3), (10.2, 14.1)  # of the head: middle and half sizes of the edge of the face
 WIDER, HIGHER, OPENED = 1.36, 1.144, 20.0  # behind than at the face, from this far back
-AT_FACE = 0.75  # its width there, of its width behind
-THROAT = (1.7, 2.6), (-0.1, -0.9)  # angles between which it comes under the chin, and its way (y, z) there
+AT_FACE = 0.53  # its width there, of its width behind: the edge of the face is 77 mm long
+THROAT = (1.7, 2.6), (-0.25, -0.85)  # angles between which it comes under the chin, and its way (y, z) there
 VEIL = 178.0, 150.0
 VEIL_AT = -8.5, 267.0  # y of its front edge and height, where it begins level
 PINNED = 26.0, 7.0  # of its front edge, what is drawn to the head: width and depth

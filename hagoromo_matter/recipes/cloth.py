@@ -136,6 +136,14 @@ class ClothTable(LaidTable, frozen=True, kw_only=True):
 
 
 def _plan(recipe: Recipe[ClothTable]) -> BoxPlan:
+    table, (cloth, colours) = recipe.table, _woven(recipe)
+    materials = colour_materials(recipe, [colour for _, colour in cloth.palette], colours)
+    fabric = woven(cloth, recipe.fineness.voxel_mm, max(table.variants, 1), table.seed)
+    return laid(recipe, fabric, materials, "cloth")
+
+
+def _woven(recipe: Recipe[ClothTable]) -> tuple[Woven, Colours]:
+    """The cloth, its yarns checked, and the colours of a file's yarns."""
     table, (drawn, colours) = recipe.table, _drawn(recipe)
     warp = yarn_of(table.warp, drawn.warp, f"{recipe.where} [warp]")
     other = drawn.weft.diameter_mm if drawn.weft.diameter_mm != drawn.warp.diameter_mm else warp.diameter_mm
@@ -146,10 +154,7 @@ def _plan(recipe: Recipe[ClothTable]) -> BoxPlan:
         getattr(drawn if getattr(table, k) is None else table, k) for k in ("warp_colours", "weft_colours")
     )
     weft = yarn_of(table.weft, warp._replace(diameter_mm=other), f"{recipe.where} [weft]")
-    cloth = check_woven(Woven(drawn.draft, ends, picks, warp, weft, table.crimp, table.uneven, first, second))
-    materials = colour_materials(recipe, [colour for _, colour in cloth.palette], colours)
-    fabric = woven(cloth, recipe.fineness.voxel_mm, max(table.variants, 1), table.seed)
-    return laid(recipe, fabric, materials, "cloth")
+    return check_woven(Woven(drawn.draft, ends, picks, warp, weft, table.crimp, table.uneven, first, second)), colours
 
 
 def yarn_of(table: dict[str, Any], usual: Yarn, where: str) -> Yarn:
@@ -188,4 +193,4 @@ def _drawn(recipe: Recipe[ClothTable]) -> tuple[Woven, Colours]:
     return LINEN._replace(draft=decode_one(table, WEAVES, where).draft()), ()
 
 
-KIND = Kind("cylinder", ClothTable, _plan)
+KIND = Kind("cylinder", ClothTable, _plan, check=_woven)

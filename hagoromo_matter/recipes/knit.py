@@ -11,7 +11,7 @@ from hagoromo.files.record import about, like
 from hagoromo.matter.recipe import Kind, MeanFreePath, Recipe, Voxel
 from hagoromo.volume.store.plan import BoxPlan
 from hagoromo_matter.cloth.fabric import knitted
-from hagoromo_matter.cloth.knit import Knitted
+from hagoromo_matter.cloth.knit import Knitted, check_knitted
 from hagoromo_matter.recipes.cloth import YarnTable, yarn_of
 from hagoromo_matter.recipes.laid import LaidTable, laid
 
@@ -34,10 +34,14 @@ class KnitTable(LaidTable, frozen=True, kw_only=True):
 
 def _plan(recipe: Recipe[KnitTable]) -> BoxPlan:
     table, material = recipe.table, recipe.material
-    yarn = yarn_of(table.yarn, USUAL_KNIT.yarn, f"{recipe.where} [yarn]")
-    cloth = Knitted(table.wales_per_cm, table.courses_per_cm, yarn, table.loop_mm, table.uneven)
-    fabric = knitted(cloth, recipe.fineness.voxel_mm, max(table.variants, 1), table.seed)
+    fabric = knitted(_knitted(recipe), recipe.fineness.voxel_mm, max(table.variants, 1), table.seed)
     return laid(recipe, fabric, [material] * fabric.populations, "knit")
 
 
-KIND = Kind("cylinder", KnitTable, _plan)
+def _knitted(recipe: Recipe[KnitTable]) -> Knitted:
+    """The cloth, its yarn and loops checked."""
+    table, yarn = recipe.table, yarn_of(recipe.table.yarn, USUAL_KNIT.yarn, f"{recipe.where} [yarn]")
+    return check_knitted(Knitted(table.wales_per_cm, table.courses_per_cm, yarn, table.loop_mm, table.uneven))
+
+
+KIND = Kind("cylinder", KnitTable, _plan, check=_knitted)

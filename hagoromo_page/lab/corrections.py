@@ -16,9 +16,8 @@ from hagoromo.files.record import read_json, write_json
 from hagoromo.files.toml_text import toml_text
 from hagoromo.files.whole import write_text
 from hagoromo.photograph.lamp_files import LP, lamp_of_each, load_lamps, write_lp
-from hagoromo_page.lab.folder import LAB, MASK, ORDERED, Folder
+from hagoromo_page.lab.folder import LAB, MASK, ORDERED, PROFILE, Folder
 from hagoromo_page.lab.messages import Stroke
-from hagoromo_page.lab.steps import PROFILE
 
 GREY = {
     "object": 255,

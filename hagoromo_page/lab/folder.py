@@ -18,7 +18,8 @@ from msgspec import Meta, structs
 from hagoromo.errors import InputError
 from hagoromo.files.checks import existing_folder, inside
 from hagoromo.files.content import digest
-from hagoromo.files.record import Record, about, decode, read_json, up_to, write_json
+from hagoromo.files.png import png_header
+from hagoromo.files.record import Record, about, decode, read_json, read_toml, up_to, write_json
 from hagoromo.light.lamp import Lamp
 from hagoromo.photograph.lamp_files import LP, faces_up, lamp_of_each, load_lamps
 from hagoromo.photograph.photograph_folder import (
@@ -32,6 +33,7 @@ from hagoromo.photograph.photograph_folder import (
 from hagoromo.photograph.pixels import SUFFIXES
 
 LAB, RECORD, MASK, CIRCLES_FROM = "lab", "lab/lab.json", "lab/mask.png", "lab/lamps.json"
+PROFILE = "lab/archive.toml"  # who archives, as `archive` takes it by --profile
 ORDERED = ("lab/ordered.lp", "lab/ordered.json")  # lamps as reordered by hand: of an .lp, and of a lamps.json
 MOST_PHOTOGRAPHS, MOST_FOLDERS, MOST_BALLS, LARGEST_LIST = 2000, 200, 8, 1 << 22
 ON_BALL = "ball"  # lamps are read off a chrome ball in the photographs themselves
@@ -110,6 +112,12 @@ class Folder:
         self.__dict__["record"] = record
 
     @cached_property
+    def profile(self) -> dict[str, str]:
+        """Who archives, by key; empty where nobody has said so. `InputError` for a file that is no TOML."""
+        path = self.home / PROFILE
+        return {key: str(value) for key, value in read_toml(path).items()} if path.is_file() else {}
+
+    @cached_property
     def files(self) -> tuple[str, ...]:
         """Names of the files here, as people count: 2.jpg before 10.jpg."""
         return tuple(files_in(self.home))
@@ -124,6 +132,15 @@ class Folder:
     def photographs(self) -> tuple[str, ...]:
         """Names of the photographs: the files of the format that most of them have; of RAW and JPEG alike, the RAW."""
         return _photographs(self.files)
+
+    @cached_property
+    def eight_bits(self) -> bool:
+        """Whether the first photograph is a PNG of 8 bits, as its header has it."""
+        path = self.home / self.photographs[0]
+        try:
+            return path.suffix.lower() == ".png" and png_header(path).depth == 8
+        except (InputError, OSError):
+            return False
 
     @cached_property
     def left_out(self) -> tuple[str, ...]:

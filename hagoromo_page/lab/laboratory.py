@@ -8,15 +8,16 @@ from pathlib import Path
 from typing import Any
 
 from hagoromo.errors import InputError
-from hagoromo.files.record import decode_one, read_json, read_toml
+from hagoromo.files.record import decode_one, read_json
 from hagoromo.measurement.health.health import Health
 from hagoromo_page.lab import messages
 from hagoromo_page.lab.corrections import clear_mask, paint, reorder, swapped, write_profile
 from hagoromo_page.lab.folder import MASK, ON_BALL, Folder
 from hagoromo_page.lab.job import CommandRun
 from hagoromo_page.lab.pictures import FOUND_MASK, Pictures
+from hagoromo_page.lab.said import in_the_window
 from hagoromo_page.lab.step import LabStep, Option
-from hagoromo_page.lab.steps import HEALTH, PROFILE, STEPS, TABLE
+from hagoromo_page.lab.steps import HEALTH, STEPS, TABLE
 
 LEAST_PHOTOGRAPHS = 4  # for a shape that nobody knows
 
@@ -83,6 +84,9 @@ class Laboratory:
     def _start(self, step: LabStep, replace: bool) -> None:
         """Run a step and those before it; `Exists` where that replaces a result and nobody has agreed."""
         folder = _with_photographs(self.folder())
+        lacking = step.lacks(folder)
+        if lacking:
+            raise InputError(f"{step.title}: fill in {', '.join(lacking)} first")
         steps = step.chain(folder)
         there = [one.makes for one in steps if (folder.home / one.makes).exists()]
         if there and not replace:
@@ -99,8 +103,13 @@ class Laboratory:
         return self.job is not None and self.job.status is None
 
     def progress(self) -> dict[str, Any] | None:
-        """How far the last command is; None where there was none."""
-        return None if self.job is None else self.job.record()
+        """How far the last command is, and what a refusal says in the window's words; None where there was none."""
+        job = self.job
+        if job is None:
+            return None
+        step = job.steps[job.now]
+        said = in_the_window(job.lines[-1] if job.lines and job.status else "", step, TABLE)
+        return job.record() | {"refused": said.text, "circle": said.circle}
 
     def state(self) -> dict[str, Any]:
         """All that the page shows. What cannot be read is a line of `faults`."""
@@ -139,7 +148,7 @@ class Laboratory:
             "chart_size": read(lambda: self.pictures.shape(folder, folder.chart)[::-1], None) if folder.chart else None,
             "health": read(lambda: _health(folder), []), "layers": read(lambda: self.pictures.layers(folder), []),
             "maps_size": read(lambda: self.pictures.maps_size(folder), None),
-            "profile": read(lambda: _profile(folder), {}),
+            "profile": read(lambda: folder.profile, {}),
             "steps": [_shown(step, folder) for step in TABLE if step.applies(folder) or step.options],
         }  # fmt: skip
 
@@ -233,9 +242,7 @@ def _ball_size(folder: Folder, pictures: Pictures) -> tuple[int, int] | None:
 
 def _health(folder: Folder) -> list[dict[str, Any]]:
     path = folder.home / HEALTH
-    return Health.from_record(read_json(path), str(path)).record()["checks"] if path.is_file() else []
-
-
-def _profile(folder: Folder) -> dict[str, str]:
-    path = folder.home / PROFILE
-    return {key: str(value) for key, value in read_toml(path).items()} if path.is_file() else {}
+    if not path.is_file():
+        return []
+    checks = Health.from_record(read_json(path), str(path)).record()["checks"]
+    return [one | {"advice": in_the_window(one["advice"], STEPS["health"], TABLE).text} for one in checks]

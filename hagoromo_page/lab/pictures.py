@@ -25,6 +25,7 @@ SIDES = {"small": 240, "large": 1600}  # [px] of the longer side
 QUALITY = 88
 KEPT_BYTES = 1 << 28  # of pictures in memory
 WHITE_PERCENT = 99.5  # of the samples are shown up to white, of linear light
+LIFTED_PERCENT, LIFTED_TO = 90.0, 0.7  # so many pixels of the brightest picture are darker than this, of white
 OUTSIDE, OBJECT, BACKGROUND = (24, 60, 110, 80), (46, 160, 67, 90), (200, 40, 40, 90)  # R, G, B, A
 OUTLINE = (255, 140, 0, 255)
 FOUND_MASK = f"{CAPTURE}/masks/object.png"
@@ -42,6 +43,25 @@ class Pictures:
         if name not in {*folder.photographs, *folder.ball_photographs, folder.chart} - {""} or size not in SIDES:
             raise InputError(f"{name!r} is no photograph of this folder: reload the page")
         return self._photograph(folder.file(name))[1][size]
+
+    def brightest(self, folder: Folder) -> bytes:
+        """JPEG of the brightest of all photographs at each pixel, lifted out of the dark: where the balls end."""
+        paths = [folder.file(name) for name in folder.ball_photographs or folder.photographs]
+        return self._once(("brightest", *map(_stamp, paths)), lambda: self._brightest(paths))
+
+    def _brightest(self, paths: list[Path]) -> bytes:
+        import cv2
+
+        most = None
+        for path in paths:
+            data = np.frombuffer(self._photograph(path)[1]["large"], np.uint8)
+            picture = np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR))[..., ::-1]
+            if most is not None and most.shape != picture.shape:
+                raise InputError(f"{path.name} has another size than the photographs before it")
+            most = picture if most is None else np.maximum(most, picture)
+        assert most is not None
+        lifted = LIFTED_TO * np.sqrt(most / max(float(np.percentile(most, LIFTED_PERCENT)), 1.0))
+        return _jpeg((255.0 * np.minimum(lifted, 1.0)).astype(np.uint8))
 
     def shape(self, folder: Folder, name: str = "") -> tuple[int, int]:
         """(height, width) [px] of a photograph; of the first without a name."""

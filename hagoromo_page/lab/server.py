@@ -126,6 +126,8 @@ class Request(BaseHTTPRequestHandler):
         if path == "/photograph":
             data = pictures.photograph(folder, self.query.get("name", ""), self.query.get("size", ""))
             return self._send(HTTPStatus.OK, data, "image/jpeg")
+        if path == "/brightest":
+            return self._send(HTTPStatus.OK, pictures.brightest(folder), "image/jpeg")
         if path == "/overlay":
             return self._send(HTTPStatus.OK, pictures.overlay(folder), "image/png")
         if path == "/layer":

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
@@ -54,6 +54,8 @@ class LabStep:
 
     verb: its first words. given: the words that follow. reads: files it depends on, beside results of the steps
     `after`, which are run before it. makes: what it writes, in the folder. applies: whether there is anything to do.
+    stands_for: what in the window says an option of the command that is in none of `options`. lacks: what must be
+    filled in first.
     """
 
     name: str
@@ -67,6 +69,8 @@ class LabStep:
     after: tuple[LabStep, ...] = ()
     applies: Callable[[Folder], bool] = lambda folder: True
     opens: tuple[str, ...] = field(default=())
+    stands_for: Mapping[str, str] = field(default_factory=dict)
+    lacks: Callable[[Folder], Sequence[str]] = lambda folder: ()
 
     def value(self, option: str, folder: Folder) -> str:
         """What was chosen for an option in a folder."""

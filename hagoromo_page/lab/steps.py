@@ -7,13 +7,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from hagoromo.photograph.photograph_folder import JPEGS
-from hagoromo_page.lab.folder import CIRCLES_FROM, MASK, ON_BALL, Folder
+from hagoromo.errors import InputError
+from hagoromo.photograph.photograph_folder import JPEGS, suffix_of
+from hagoromo_page.lab.folder import CIRCLES_FROM, MASK, ON_BALL, PROFILE, Folder
 from hagoromo_page.lab.step import LabStep, Option, as_words
 
 CAPTURE, HEALTH, MEASURED, RELIT = "lab/capture", "lab/health.json", "lab/measured", "lab/relit"
 CHART, RESPONSE = "lab/chart.exr", "lab/response.csv"
-PAGE, EXPORTED, BAG, PROFILE = "lab/page.html", "lab/export", "lab/bag", "lab/archive.toml"
+PAGE, EXPORTED, BAG = "lab/page.html", "lab/export", "lab/bag"
 CAMERAS = (".json", ".yml", ".yaml")
 NO_CAMERAS = ("lamps.json", "health.json")
 
@@ -77,9 +78,21 @@ def _curves(folder: Folder) -> dict[str, str]:
     }  # fmt: skip
 
 
+def _curve(folder: Folder) -> str:
+    """Likeliest by the first file: 8 bits are seldom linear, and what is no JPEG of a camera may be either."""
+    if suffix_of(folder.photographs[0]) in JPEGS:
+        return "srgb"
+    return "estimate" if folder.eight_bits else ""
+
+
+def _rigs(folder: Folder) -> dict[str, str]:
+    files = [one for one in folder.beside if Path(one).suffix == ".json" and "rig" in Path(one).stem.lower()]
+    return {"": "none", **{one: one for one in files if not one.startswith("-")}}
+
+
 def _cameras(folder: Folder) -> dict[str, str]:
     files = [one for one in folder.beside if Path(one).suffix.lower() in CAMERAS and not one.startswith("-")]
-    files = [one for one in files if Path(one).name not in NO_CAMERAS]
+    files = [one for one in files if Path(one).name not in NO_CAMERAS and one not in _rigs(folder)]
     return {"": "from the EXIF", "orthographic": "orthographic", **{one: one for one in files}}
 
 
@@ -96,12 +109,29 @@ def _held(folder: Folder) -> dict[str, str]:
     return {Path(name).stem: name for name in folder.photographs if not name.startswith("-")}
 
 
+def _called(folder: Folder) -> str:
+    return "" if folder.home.name.startswith("-") else folder.home.name
+
+
+def _published(folder: Folder) -> list[str]:
+    """The page says what the archive does, where it is filled in."""
+    try:
+        profile = folder.profile
+    except InputError:  # which the window says beside it
+        profile = {}
+    inventory = ARCHIVE_STEP.value("inventory", folder).strip()
+    facts = {"Inventory number": inventory} | {label: profile.get(key, "") for key, label in FACTS_OF_PAGE.items()}
+    stated = [word for label, said in facts.items() if said for word in ("--fact", f"{label}={said}")]
+    return [MEASURED, "--capture", CAPTURE, *stated]
+
+
 def _archived(folder: Folder) -> list[str]:
     results = [name for name in (MEASURED, PAGE, RELIT) if (folder.home / name).exists()]
     profile = ["--profile", PROFILE] if (folder.home / PROFILE).exists() else []
     return [*(results or [MEASURED]), "--originals", *as_words(folder.photographs), *profile]
 
 
+FACTS_OF_PAGE = {"creator": "Made by", "institution": "Institution", "licence": "Licence", "place": "Place"}
 FORMATS = {
     "png": "maps, PNG", "tiff": "maps, TIFF", "exr": "maps, EXR", "glb": "mesh, GLB", "ply": "mesh, PLY", "ptm": "PTM",
     "hsh": "HSH (.rti)", "relight": "Relight (OpenLIME)", "csv": "spectra, CSV", "materialx": "MaterialX",
@@ -120,6 +150,7 @@ LAMPS_STEP = LabStep(
     options=(Option("from", "Lamps from", "", _sources, lambda folder: folder.lamp_sources[0]),),
     reads=lambda folder: folder.ball_photographs,
     applies=lambda folder: not folder.has_lamp_file,
+    stands_for={"--mask": "the tool Ball"},
 )  # fmt: skip
 DEVELOP_STEP = LabStep(
     "develop", "Develop the chart", "The chart's photograph becomes linear in light.",
@@ -142,13 +173,11 @@ CAPTURE_STEP = LabStep(
     ("capture",), _capture_given, CAPTURE,
     options=(
         Option("mask", "Mask", "", _masks, lambda folder: "auto"),
-        Option(
-            "transfer", "Transfer", "--transfer", _curves,
-            lambda folder: "srgb" if Path(folder.photographs[0]).suffix.lower() in JPEGS else "",
-        ),
+        Option("transfer", "Transfer", "--transfer", _curves, _curve),
         Option("camera", "Camera", "--camera", _cameras), *FACTS,
     ),
     reads=_capture_reads, after=(LAMPS_STEP, RESPONSE_STEP),
+    stands_for={"--ball": "the tool Ball", "--mask": "Mask", "--lamps": "Lamps from"},
 )  # fmt: skip
 HEALTH_STEP = LabStep(
     "health", "Check the photographs", "Order, lamps, strengths, transfer, motion, blur, mask, calibration.",
@@ -158,6 +187,9 @@ MEASURE_STEP = LabStep(
     "measure", "Measure", "Normals, colour, gloss and shape of every pixel, with their errors.",
     ("measure",), lambda folder: [CAPTURE], MEASURED,
     options=(
+        Option("distance", "Distance [m]", "--distance", hint="camera to object: for mm"),
+        Option("across", "or width [m]", "--across", hint="that the longer side shows"),
+        Option("rig", "Rig", "--rig", _rigs),
         Option("n", "Refractive index", "--n", hint="leave empty if you do not know it"),
         Option(
             "own_light", "Light between its parts", "--own-light",
@@ -177,8 +209,10 @@ RELIGHT_STEP = LabStep(
 )  # fmt: skip
 PUBLISH_STEP = LabStep(
     "publish", "Publish", "One page to send round: anybody relights the object, without a server.",
-    ("publish",), lambda folder: [MEASURED, "--capture", CAPTURE], PAGE,
-    options=(Option("title", "Title", "--title", hint="what the object is called"),),
+    ("publish",), _published, PAGE,
+    options=(
+        Option("title", "Title", "--title", default=_called, hint="what the object is called"),
+    ),
     after=(MEASURE_STEP,), opens=("",),
 )  # fmt: skip
 EXPORT_STEP = LabStep(
@@ -191,10 +225,12 @@ ARCHIVE_STEP = LabStep(
     "archive", "Archive", "A bag (BagIt) with the digest of every file, for the museum.",
     ("archive",), _archived, BAG,
     options=(
-        Option("inventory", "Inventory number", "--inventory"), Option("title", "Title", "--title"),
+        Option("inventory", "Inventory number", "--inventory", hint="needed"),
+        Option("title", "Title", "--title", default=_called),
         Option("date", "Date", "--date", hint="of the photographs, such as 2026-11-27"),
     ),
     reads=lambda folder: (PROFILE, PAGE, RELIT), after=(MEASURE_STEP,),
+    lacks=lambda folder: () if ARCHIVE_STEP.value("inventory", folder).strip() else ("Inventory number",),
 )  # fmt: skip
 TABLE = (
     LAMPS_STEP,

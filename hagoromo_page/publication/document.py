@@ -96,6 +96,7 @@ def policy(viewer: Viewer, style: str) -> str:
 def document(viewer: Viewer) -> str:
     """The whole page: the object, and who made it."""
     title, style = escape(str(viewer.data["title"])), part("viewer.css") + part("page.css")
+    by = f"Published by Hagoromo {escape(__version__)}. This page loads nothing and sends nothing."
     return f"""<!doctype html>
 <html lang="en">
 <head>
@@ -111,10 +112,16 @@ def document(viewer: Viewer) -> str:
 <main>
 {viewer_html(viewer, alone=True)}
 </main>
-<footer>Published by Hagoromo {escape(__version__)}. This page loads nothing and sends nothing.{_made_from()}</footer>
+{_facts(viewer)}<footer>{by}{_made_from()}</footer>
 </body>
 </html>
 """
+
+
+def _facts(viewer: Viewer) -> str:
+    """What is stated of the object, such as its inventory number and who measured it."""
+    rows = [f"<dt>{escape(name)}</dt><dd>{escape(said)}</dd>" for name, said in viewer.data.get("facts", ())]
+    return f'<dl id="facts">{"".join(rows)}</dl>\n' if rows else ""
 
 
 def _made_from() -> str:

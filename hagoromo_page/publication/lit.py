@@ -34,6 +34,14 @@ def white_level(maps: SurfaceMaps) -> float:
     return max(float(np.percentile(np.pi * maps.body[maps.known].max(axis=1), 99.0)), 0.1)
 
 
+def colour_factor(maps: SurfaceMaps) -> float:
+    """What body colours are multiplied by for formats that hold 0…1: 1, or less where they are beyond it.
+
+    Under lamps whose strength nobody stated only ratios of the colours are known, and white may be far from 1.
+    """
+    return min(1.0 / white_level(maps), 1.0)
+
+
 def reflected(maps: SurfaceMaps, to_lamp: Array) -> Array:
     """(h, w, 3) linear values under a far lamp of irradiance π that is as white as the interface; no cast shadows."""
     known = maps.known

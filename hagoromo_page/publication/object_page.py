@@ -42,6 +42,7 @@ ENTRIES: dict[str, Callable[[MaterialEstimate], Any]] = {
     "lobes": lambda one: [list(lobe) for lobe in one.all_lobes(1.0, 1.0)[1:]],  # in β and γ of the first one
     "grey": lambda one: not has_measured_gloss(one),  # in views of the gloss
 }
+ALBEDO = "Diffuse albedo: the body's colour without shading or gloss."
 ERRORS = "hv-errors"  # element with the errors of distances
 LEAST_BYTES = 5000  # of a picture
 GENTLE = 0.97  # how much more than needed a picture is reduced
@@ -50,7 +51,8 @@ GENTLE = 0.97  # how much more than needed a picture is reduced
 @dataclass(frozen=True, eq=False)
 class PageSource:
     """maps of the object; taken: the camera and lamps they were measured with; photographs: to compare with;
-    assumptions: of the measurement, in words. look: what is looked at closely.
+    assumptions: of the measurement, in words. look: what is looked at closely. facts: of the object, by name, such as
+    its inventory number.
     """
 
     maps: SurfaceMaps
@@ -58,6 +60,7 @@ class PageSource:
     photographs: tuple[Photograph, ...] = ()
     assumptions: tuple[str, ...] = ()
     look: CloseLook | None = None
+    facts: tuple[tuple[str, str], ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,11 +145,13 @@ def _data(
     height, width = maps.labels.shape
     camera = maps.camera
     middle = FLIP @ (camera.world_to_camera[:3, :3] @ middle_of(maps) + camera.world_to_camera[:3, 3])
-    views, legend = page_views(maps, made.scales)
+    albedo_factor = _albedo_factor(maps, colours)
+    views, legend = page_views(maps, made.scales, albedo_factor)
     views += [] if source.look is None else close_views(source.look, made.scales)
     return {
         "title": maps.name,
         "note": _note(maps, pixel),
+        "facts": source.facts,
         "assumptions": [*source.assumptions, *_own_assumptions(maps, colours)],
         "alone": True,
         "folder": False,
@@ -167,6 +172,7 @@ def _data(
         "lamps": [one.record() for one in lamps],
         "photographs": listed,
         "exposure": exposure,
+        "albedoFactor": albedo_factor,
         "views": views,
         "legend": legend,
         "closely": None if source.look is None else source.look.record(maps.x, maps.y),
@@ -226,6 +232,13 @@ def _exposure(maps: SurfaceMaps, colours: PageColours) -> float:
     return DISPLAY_KEY / level if level > 0.0 else 1.0
 
 
+def _albedo_factor(maps: SurfaceMaps, colours: PageColours) -> float:
+    """What body colours are shown times: 1, or less where a hundredth of them is beyond 1 (see `colour_factor`)."""
+    matrix = colours.balanced[0][0] @ colours.body[0][0]
+    white = float(np.percentile((math.pi * maps.body[maps.known] @ matrix.T).max(axis=1), 99.0))
+    return 1.0 / max(white, 1.0)
+
+
 def _photographs(
     maps: SurfaceMaps,
     photographs: Sequence[Photograph],
@@ -272,12 +285,20 @@ def _note(maps: SurfaceMaps, pixel: float) -> str:
     return size
 
 
-def page_views(maps: SurfaceMaps, scales: dict[str, Any]) -> tuple[list[dict[str, Any]], dict[str, list[float]]]:
-    """The views of the page, and the ranges of the colour scales of γ [rad] and of the peak β F₀ [1/sr]."""
+def page_views(
+    maps: SurfaceMaps, scales: dict[str, Any], albedo_factor: float = 1.0
+) -> tuple[list[dict[str, Any]], dict[str, list[float]]]:
+    """The views of the page, and the ranges of the colour scales of γ [rad] and of the peak β F₀ [1/sr].
+
+    albedo_factor: what body colours are shown times.
+    """
+    times = "" if albedo_factor == 1.0 else (
+        f" Times {albedo_factor:.2g}, as they are beyond 1: how strong the lamps are was not stated."
+    )  # fmt: skip
     views: list[dict[str, Any]] = [
         {"label": "Lit", "number": 0},
         {"label": "Normals", "number": 1, "note": "Red: faces right. Green: faces up. Blue: faces the camera."},
-        {"label": "Body colour", "number": 2, "note": "Diffuse albedo: the body's colour without shading or gloss."},
+        {"label": "Body colour", "number": 2, "note": ALBEDO + times},
     ]
     glossy = [one for one in maps.materials if one.beta > 0.0]
     legend = {
@@ -287,13 +308,20 @@ def page_views(maps: SurfaceMaps, scales: dict[str, Any]) -> tuple[list[dict[str
     without = [one.name for one in maps.materials if not has_measured_gloss(one)]
     has_gloss = len(without) < len(maps.materials)
     grey = f"Grey: no highlight is determined by the photographs ({', '.join(without)})." if without else ""
-    of_gloss = {"gloss": True} | ({"note": grey} if grey else {})
+    of_gloss = {"gloss": True} | _of_each([], grey)
     if has_gloss:
         which = " of the first lobe" if any(one.lobes for one in maps.materials) else ""
+        measured = [one for one in maps.materials if has_measured_gloss(one)]
+        each = [f"{one.name} {math.degrees(one.gamma):.3g}°" for one in measured]
+        note = _of_each(each if maps.gamma is None else [], grey)
         low, high = (f"{math.degrees(one):.2g}°" for one in legend["gamma"])
-        views.append(_scaled("Gloss: width", 3, low, f"half width of the highlight γ{which}", high) | of_gloss)
+        views.append(_scaled("Gloss: width", 3, low, f"half width of the highlight γ{which}", high) | of_gloss | note)
+        each = [f"{one.name} {one.beta * _facing(one):.2g}" for one in measured]
+        note = _of_each(each if maps.beta is None else [], grey)
         low, high = (f"{one:.2g}" for one in legend["peak"])
-        views.append(_scaled("Gloss: strength", 4, low, f"peak of the highlight β F₀{which} [1/sr]", high) | of_gloss)
+        views.append(
+            _scaled("Gloss: strength", 4, low, f"peak of the highlight β F₀{which} [1/sr]", high) | of_gloss | note
+        )
     if "normal_error" in scales:
         ends = [f"{math.degrees(one):.2g}°" for one in scales["normal_error"]]
         views.append(_of_error("Error: normal", 5, ends, "standard error of the normal", "normal_error"))
@@ -328,12 +356,24 @@ def _of_error(label: str, number: int, ends: Sequence[str], unit: str, key: str)
     return _scaled(label, number, f"≤ {low}", f"{unit}; {share}", f"≥ {high}") | {"error": key}
 
 
+def _of_each(values: Sequence[str], grey: str) -> dict[str, str]:
+    """The note of a view of the gloss. values: of materials that have one value each; grey: what is grey, and why."""
+    one = f"One value for each material: {', '.join(values)}." if values else ""
+    said = " ".join(filter(None, (one, grey)))
+    return {"note": said} if said else {}
+
+
 def _peaks(maps: SurfaceMaps, scales: dict[str, Any]) -> list[float]:
     """Range of β F₀ [1/sr] over the object."""
-    facing = [((m.n - 1.0) / (m.n + 1.0)) ** 2 for m in maps.materials]
+    facing = [_facing(one) for one in maps.materials]
     if "beta" in scales:
         return _widened([scales["beta"][0] * min(facing), scales["beta"][1] * max(facing)])
     return _widened(_span([m.beta * f for m, f in zip(maps.materials, facing, strict=True) if m.beta > 0.0]))
+
+
+def _facing(material: MaterialEstimate) -> float:
+    """F₀, the Fresnel reflectance along the normal."""
+    return ((material.n - 1.0) / (material.n + 1.0)) ** 2
 
 
 def _span(values: Sequence[float]) -> list[float]:

@@ -5,7 +5,8 @@ Enters: a Measurement or its folder. Leaves: HTML that needs neither server nor 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from hagoromo.errors import InputError
@@ -55,6 +56,7 @@ def publish(
     *,
     capture: Capture | str | Path | None = None,
     title: str = "",
+    facts: Mapping[str, str] | None = None,
     limit: int = LIMIT_BYTES,
     force: bool = False,
     progress: Progress = silent,
@@ -65,13 +67,14 @@ def publish(
     is reduced where it must be; any other name is a folder with index.html and tiles at full resolution. capture: that
     was measured, or its folder: photographs to compare with; a `Measurement` that was just made has its own. title: of
     the page, which is the object's name; without one the name that the capture states (`name` of transforms.json).
+    facts: what else the page says of the object, by name: an inventory number, an institution, a licence.
 
     `InputError` for a measurement of version 0.2 without its capture, or one that does not fit to it.
     """
     target = Path(out)
     source = measured if isinstance(measured, Measurement) else Measurement.load(measured)
     shots = capture if isinstance(capture, Capture) or capture is None else load_capture(capture)
-    found = page_source(source, shots, title, closely=True)
+    found = replace(page_source(source, shots, title, closely=True), facts=tuple((facts or {}).items()))
     progress(0.3, "maps")
     if target.suffix.lower() in (".html", ".htm"):
         page = single_page(found, limit)

@@ -10,6 +10,8 @@ import pytest
 
 import hagoromo as hg
 from hagoromo.app.cli import main
+from hagoromo.files.png import read_png
+from hagoromo.light.colour import srgb_decode
 from hagoromo_formats.relightable import export as export_module
 from hagoromo_formats.relightable.rti import hsh_basis, write_ptm
 from hagoromo_page.publication.lit import hemisphere, reflected, shown, white_level
@@ -253,6 +255,26 @@ def test_planes_and_meshes_hold_the_maps(exported):
     uv = textured.visual.uv
     columns = np.nonzero(known)[1]
     np.testing.assert_allclose(uv[:, 0] * known.shape[1] - 0.5, columns, atol=1e-3)
+
+
+def test_colours_beyond_1_keep_their_ratios_in_formats_that_hold_0_to_1(exported, tmp_path):
+    """Lamps of unknown strength: the ball five times as bright is the same picture, and the record says the factor."""
+    _, measured, maps, out, record = exported
+    assert "colours_times" not in record["formats"]["png"], "of colours within 0…1"
+    body = replace(measured.body, value=5.0 * measured.body.value)
+    bright = replace(measured, body=body, materials=tuple(one.times(5.0) for one in measured.materials))
+    brighter = hg.export(bright, ("png", "openpbr", "exr"), tmp_path / "out")
+    white = 5.0 * white_level(maps)
+    assert white > 1.0 and brighter["formats"]["png"]["colours_times"] == pytest.approx(1.0 / white, rel=1e-6)
+    assert "colours_times" not in brighter["formats"]["exr"], "floats are as measured"
+    albedo, plain = (read_png(one / "albedo.png") / 65535.0 for one in (tmp_path / "out", out))
+    linear, expected = srgb_decode(albedo), srgb_decode(plain) / white_level(maps)
+    np.testing.assert_allclose(linear, np.clip(expected, 0.0, 1.0), atol=1e-4)
+    assert (albedo[maps.known] >= 1.0).any(axis=1).mean() < 0.02
+    # the nearest OpenPBR is that of the reflectance times the factor: nothing of it is cut off
+    off = brighter["formats"]["openpbr"]["relative_difference"]
+    plainly = hg.export(measured, ("openpbr",), tmp_path / "plain")["formats"]["openpbr"]["relative_difference"]
+    assert all(np.allclose(off[name], plainly[name], atol=0.02) for name in plainly)
 
 
 def test_materialx_reads_its_own_document(exported):

@@ -12,13 +12,17 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from glob import glob
+from itertools import pairwise
 from types import SimpleNamespace
 from urllib.parse import urlsplit
 
+import cv2
 import numpy as np
 import pytest
 
 from hagoromo.app.cli import parsed
+from hagoromo.calibration.lamps.ball import Ball, stated
+from hagoromo.calibration.lamps.ball_search import OFFERED, PAINT
 from hagoromo.errors import InputError
 from hagoromo.files.png import read_png, write_png
 from hagoromo.photograph.lamp_files import read_lp
@@ -27,6 +31,7 @@ from hagoromo_page.lab import pictures
 from hagoromo_page.lab.folder import MASK, Folder
 from hagoromo_page.lab.laboratory import Exists, Laboratory
 from hagoromo_page.lab.messages import LARGEST_BODY
+from hagoromo_page.lab.said import DRAW, FILL_IN, LOOK
 from hagoromo_page.lab.server import LabServer
 from hagoromo_page.lab.steps import STEPS, TABLE
 from tests.app.started import STARTED
@@ -34,6 +39,7 @@ from tests.app.started import STARTED
 COUNT, SIZE = 5, (11, 17)  # photographs, of height and width [px]
 LAMPS = [f"{k}.png 0.{k} 0.1 1.0" for k in range(COUNT)]
 PATIENCE_S = 60.0
+BALL = Ball((31.5, 30.5), 11.0, (0.1, 0.1, 0.1), 0.0, np.zeros((0, 2)))
 
 
 @pytest.fixture
@@ -95,7 +101,7 @@ def test_only_who_has_the_token_gets_in_and_only_from_this_page_and_machine(serv
     run = json.dumps({"do": "choose", "step": "publish", "option": "title", "value": "Vase"}).encode()
     for wrong in ({"Cookie": None}, {"Origin": None}, {"Origin": "http://attacker.example"}, {"Origin": "null"}):
         assert asked(served, "/do", "POST", run, **wrong)[0] == 403
-    assert STEPS["publish"].options[0].value("publish", served.laboratory.folder()) == ""
+    assert STEPS["publish"].options[0].value("publish", served.laboratory.folder()) == "vase"
     assert asked(served, "/do", "POST", run)[0] == 200
     assert STEPS["publish"].options[0].value("publish", served.laboratory.folder()) == "Vase"
     status, headers, text = asked(served, "/")
@@ -274,6 +280,64 @@ def test_a_step_that_fails_ends_the_chain_and_cancel_begins_no_other(laboratory,
     laboratory.do({"do": "cancel"})
     wait(laboratory.job)
     assert laboratory.job.cancelled and laboratory.job.now == 0 and laboratory.job.status != 0
+
+
+@pytest.mark.parametrize(
+    ("step", "line", "text", "circle"),
+    [
+        ("lamps", f"no ball (perhaps): {OFFERED} ({stated(BALL)}), else {PAINT}", f"no ball (perhaps): {LOOK}", BALL),
+        ("lamps", f"no ball: {PAINT}", f"no ball: {DRAW}", None),
+        (
+            "capture",
+            "state transfer (--transfer), or give --bracket",
+            "state transfer (Transfer), or give --bracket",
+            None,
+        ),
+        ("archive", "no profile x.toml, and no terminal to ask at: write one", f"no profile x.toml{FILL_IN}", None),
+    ],
+)
+def test_a_refusal_is_in_the_words_of_the_window_and_offers_what_may_be_the_ball(
+    laboratory, monkeypatch, step, line, text, circle
+):
+    monkeypatch.setattr(jobs, "started", standing_in(f"print({line!r}); raise SystemExit(2)"))
+    laboratory.job = jobs.CommandRun(laboratory.folder, [STEPS[step]])
+    laboratory.job.start()
+    wait(laboratory.job)
+    progress = laboratory.progress()
+    assert progress["refused"] == text and progress["lines"][-1] == line
+    assert progress["circle"] == (None if circle is None else pytest.approx((*circle.centre, circle.radius), abs=0.1))
+
+
+def test_an_archive_without_an_inventory_number_is_refused_before_anything_runs(laboratory, stood_in):
+    with pytest.raises(InputError, match="fill in Inventory number first"):
+        laboratory.do({"do": "run", "step": "archive"})
+    assert not stood_in
+
+
+def test_the_page_says_what_the_archive_does(laboratory):
+    laboratory.do({"do": "choose", "step": "archive", "option": "inventory", "value": "1889.12"})
+    laboratory.do({"do": "profile", "values": {"creator": "Ada", "licence": "CC-BY-4.0", "camera": "R5"}})
+    words = STEPS["publish"].words(laboratory.folder())
+    facts = [word for mark, word in pairwise(words) if mark == "--fact"]
+    assert facts == ["Inventory number=1889.12", "Made by=Ada", "Licence=CC-BY-4.0"]
+    (laboratory.folder().home / "lab" / "archive.toml").write_text("spoilt", encoding="utf-8")
+    state = laboratory.state()
+    assert len(state["faults"]) == 1 and "archive.toml" in state["faults"][0]
+
+
+def test_the_brightest_of_all_photographs_is_lifted_out_of_the_dark(laboratory):
+    """One photograph is dark but for a faint disc that another one shows half of."""
+    folder = laboratory.folder()
+    for k in range(COUNT):
+        picture = np.full((*SIZE, 3), 2, np.uint8)
+        picture[3:6, 4 + k : 5 + k] = 12
+        write_png(folder.home / f"{k}.png", picture)
+    data = np.frombuffer(laboratory.pictures.brightest(folder), np.uint8)
+    shown = np.asarray(cv2.imdecode(data, cv2.IMREAD_GRAYSCALE))
+    assert shown.shape == SIZE and shown[4, 4:9].min() > shown[8, 5] + 60
+    write_png(folder.home / "4.png", np.zeros((4, 4, 3), np.uint8))
+    with pytest.raises(InputError, match="another size"):
+        laboratory.pictures.brightest(laboratory.folder())
 
 
 def test_no_module_is_taken_from_the_folder_of_the_photographs(root):

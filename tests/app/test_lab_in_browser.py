@@ -68,12 +68,16 @@ class Window:
         return box["x"] + box["width"] * x / width, box["y"] + box["height"] * y / height
 
     def drag(self, *places):
+        with self.page.expect_response(lambda answer: answer.url.endswith("/do")):
+            self.draw(*places)
+
+    def draw(self, *places):
+        """Drag what is sent later, or not at all."""
         self.page.mouse.move(*self.on_picture(*places[0]))
         self.page.mouse.down()
         for place in places[1:]:
             self.page.mouse.move(*self.on_picture(*place), steps=4)
-        with self.page.expect_response(lambda answer: answer.url.endswith("/do")):
-            self.page.mouse.up()
+        self.page.mouse.up()
 
 
 @pytest.fixture
@@ -130,7 +134,13 @@ def test_from_the_first_click_to_the_published_page(window, home):
     assert read_png(lab / "capture" / "masks" / "object.png")[30, 24] == 0
     assert "exchanged" not in page.inner_text("#health")
 
+    page.click("#tool-scale")  # 80 px are known to be 40 mm long, so that the 120 px of the longer side show 60 mm
+    window.draw((20, 40), (100, 40))
+    page.fill("#length", "40")
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#across:text-is('The longer side shows 60 mm')")
     window.section("measure")
+    assert page.input_value("#measure-across") == "0.06"
     shown += page.inner_text("#shown").splitlines()
     window.begin("measure")
     page.click("#cancel")
@@ -158,7 +168,6 @@ def test_from_the_first_click_to_the_published_page(window, home):
     for name, text in {"inventory": "1889.12", "title": "Ball"}.items():
         page.fill(f"#archive-{name}", text)
         page.keyboard.press("Tab")
-    page.click("details summary:text-is('Who, where, with what')")
     for name in ("creator", "institution", "licence"):
         page.fill(f"#profile-{name}", f"Some {name}")
         page.keyboard.press("Tab")

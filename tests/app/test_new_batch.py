@@ -65,6 +65,19 @@ def test_objects_of_other_kinds_have_steps_of_their_own(tmp_path, capsys):
     assert found["captured_3 raw"] == ("capture", "raw", "--lamps", "raw/a.lp", "--mask", "auto")
 
 
+def test_photographs_of_a_chrome_ball_by_itself_are_no_object_and_give_the_lamps(tmp_path, capsys):
+    """The window takes them so, too: a folder of a ball beside the objects."""
+    for name in ("vase", "chrome ball"):
+        photographs(tmp_path / name)
+    assert main(["batch", "--new", str(tmp_path)]) == 0
+    said = capsys.readouterr().out
+    assert "left out: chrome ball: " in said and "calibrate lamps 'chrome ball'/* --mask auto" in said
+    assert [name for name in steps(tmp_path) if "ball" in name] == []
+    (tmp_path / "lamps.json").touch()
+    assert main(["batch", "--new", str(tmp_path), "--force"]) == 0
+    assert "--lamps" in steps(tmp_path)["captured vase"] and "captured chrome ball" not in steps(tmp_path)
+
+
 def test_a_recipe_that_is_there_is_kept_unless_forced(tmp_path, capsys):
     photographs(tmp_path / "cup", lamps="a.lp")
     (tmp_path / "batch.toml").write_text("mine")

@@ -17,7 +17,7 @@ from hagoromo.measurement.photographed import Photographed, photographed
 from hagoromo.measurement.surface import solved_surface
 from hagoromo.photograph.capture import load_capture
 from hagoromo_page.publication import object_page
-from hagoromo_page.publication.object_page import single_page
+from hagoromo_page.publication.object_page import page_views, single_page
 from hagoromo_page.publication.planes import pack_planes, unpack_planes
 from hagoromo_page.publication.publish import has_scale, page_source, publish
 from hagoromo_page.publication.quantised import quantised
@@ -194,6 +194,37 @@ def test_gloss_that_is_not_determined_has_no_view():
     for label in ("Gloss: width", "Gloss: strength", "Error: gloss"):
         assert some[label]["gloss"] and some[label]["note"].endswith("(material 1).")
     assert "note" not in views()["Gloss: width"]
+    maps = replace(page_source(measurement, None).maps, beta=None, gamma=None)
+    width = next(one for one in page_views(maps, {})[0] if one["label"] == "Gloss: width")
+    assert width["note"].startswith("One value for each material: material 0 ")
+
+
+def test_facts_of_the_object_stand_on_the_page(tmp_path, capsys):
+    """As text, whatever they hold; one that is none is one line."""
+    _, measurement = ball(far=True)
+    measurement.save(tmp_path / "measured")
+    command = ["publish", str(tmp_path / "measured"), "--out", str(tmp_path / "page.html")]
+    assert main([*command, "--fact", "Inventory number=1889.12", "--fact", "Institution=<b>A = B</b>"]) == 0
+    text = (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert "<dt>Inventory number</dt><dd>1889.12</dd>" in text
+    assert "<dt>Institution</dt><dd>&lt;b&gt;A = B&lt;/b&gt;</dd>" in text
+    assert main([*command, "--force", "--fact", "1889.12"]) == 2
+    assert "'1889.12' is no fact: give NAME=TEXT" in capsys.readouterr().err
+
+
+def test_body_colours_beyond_1_are_shown_by_a_stated_factor(browser, tmp_path):
+    """Of a ball five times as bright as white: without it all of it is white."""
+    _, measurement = ball(far=True)
+    materials = tuple(one.times(5.0) for one in measurement.materials)
+    assert measurement.body is not None
+    body = replace(measurement.body, value=5.0 * measurement.body.value)
+    publish(replace(measurement, materials=materials, body=body), tmp_path / "page.html")
+    opened = Opened(browser, tmp_path / "page.html")
+    opened.page.get_by_role("button", name="Body colour").click()
+    shown = opened.pixels()
+    assert (shown[shown[..., 3] > 0][:, :3].max(axis=1) >= 255).mean() < 0.05
+    assert "how strong the lamps are was not stated" in opened.page.inner_text("#hv-status")
+    assert not opened.said
 
 
 def test_pixels_without_measured_gloss_are_grey_in_its_views(browser, tmp_path):

@@ -5,6 +5,7 @@ import pytest
 
 import hagoromo as hg
 from hagoromo.app.cli import BAD_INPUT, DONE, main
+from hagoromo.errors import InputError
 from hagoromo.image import recipe_sheet as module
 from hagoromo.image.recipe_sheet import recipe_sheet, varied_keys
 
@@ -74,6 +75,23 @@ def test_the_sheet_is_written_with_its_labels(recipe, tmp_path, capsys):
     sheet = recipe_sheet(recipe, varied_keys(words[1::2]), side=200)
     assert np.array_equal(picture[-(200 + 8 + 2 * 16 + 8) :][:200, 8:208], sheet.pictures[1, 0])
     assert sheet.labels()[1][2] == "shape.radius_mm = 4\nmaterial.beta = 0.1 /sr"
+
+
+@pytest.mark.parametrize(
+    ("kind", "key", "values", "said"),
+    [
+        ("cloth", "warp.twist_per_cm", (2.0, 100.0), "with warp.twist_per_cm = 100: .* packing limit"),
+        ("knit", "yarn.flatness", (1.0, 7.0), "with yarn.flatness = 7: .* from 1 \\(round\\) to 2"),
+    ],
+)
+def test_a_value_that_its_matter_refuses_is_known_before_any_box_is_built(recipe, monkeypatch, kind, key, values, said):
+    """Planning a cloth takes half a minute: of ten cells the last one would be refused after five."""
+    monkeypatch.setattr(module, "build", lambda *_, **__: pytest.fail("a box was built"))
+    cloth = recipe.with_name("cloth.toml")
+    text = RECIPE.replace('shape = {form = "sphere", radius_mm = 2.0}\n', "").replace('"solid"', f'"{kind}"')
+    cloth.write_text(text)
+    with pytest.raises(InputError, match=said):
+        recipe_sheet(cloth, {key: values})
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ from hagoromo.files.png import read_png
 from hagoromo.measurement.photograph_checks import linearity_of, why_not_tested
 from hagoromo.photograph.exponent import Exponent, exponent_of
 from tests.data import DATA, real_data
+from tests.inverse.simulated_relief import SimulatedRelief, dome, relief_camera, relief_capture
 
 SIDE, TO_EYE = 61, np.array([0.0, 0.0, 1.0])
 
@@ -95,6 +96,13 @@ def test_linear_values_under_exact_lamps_are_not_doubted(body, count):
     to_lamp = lamps(count, 20.0, 75.0)
     found = [exponent_of(sphere(to_lamp, body, seed), to_lamp, TO_EYE) for seed in range(3)]
     assert [one.finding for one in found if one] == ["linear"] * 3
+
+
+@pytest.mark.parametrize("gloss", [True, False])
+def test_a_flat_object_is_not_called_bent_for_its_highlights(gloss):
+    """All of it brightens where lamps stand high; linear values of a glossy relief came out as contradicted."""
+    found = linearity_of(relief_capture(SimulatedRelief(), relief_camera(48), dome(), 0, gloss))
+    assert found is not None and found.finding == "linear"
 
 
 def test_near_lamps_are_tested_at_the_points_of_the_surface():

@@ -9,7 +9,9 @@ import hagoromo as hg
 from hagoromo.app.cli import main
 from hagoromo.camera import camera as unplaced
 from hagoromo.camera.camera import unplaced_camera
+from hagoromo.errors import InputError
 from hagoromo.files.exr import read_exr
+from hagoromo.measurement.scale import has_scale
 from tests.inverse.simulated_ball import BallMaterial, reflected
 
 SIZE, SMALL, RADIUS, PLACES = 61, 33, 0.24, (-0.25, 0.25)  # px; in sides of the picture
@@ -54,6 +56,21 @@ def test_rays_of_an_orthographic_view_are_parallel():
     off = np.degrees(np.arccos(np.clip(camera.pixel_directions() @ camera.world_to_camera[2, :3], -1.0, 1.0)))
     assert off.max() < 0.05
     assert np.allclose(camera.project([[-0.5, 0.0, 0.1], [0.5, 0.0, -0.1]]), [[0.0, 100.0], [300.0, 100.0]], atol=0.02)
+
+
+def test_an_orthographic_view_has_the_scale_of_its_width_and_none_of_a_distance():
+    """Its pinhole is a thousand widths long: a distance of 0.6 m would make the picture 0.6 mm wide."""
+    capture, _, mask = four_balls(SMALL)
+    with pytest.raises(InputError, match=r"a distance gives no scale: give .* \(--across\)"):
+        hg.measure(capture, distance=0.6)
+    with pytest.raises(InputError, match="state one of them"):
+        hg.measure(capture, distance=0.6, across=0.3)
+    found = hg.measure(capture, across=0.3, facets="gaussian", interface="neutral")
+    assert found.points is not None and found.photographed_with is not None
+    wide = np.ptp(found.points[mask & (found.labels >= 0)][:, 0])
+    columns = np.ptp(np.flatnonzero((mask & (found.labels >= 0)).any(axis=0)))
+    assert wide == pytest.approx(0.3 * columns / SMALL, rel=1e-3)
+    assert has_scale(found, found.photographed_with)
 
 
 @pytest.mark.nightly

@@ -392,6 +392,14 @@ def test_the_coif_is_held_under_the_chin_and_not_in_it():
     assert np.array(bust(in_space(edge[below]), PRAYER)).min() > LINEN.clear
 
 
+def test_the_coif_is_cut_no_narrower_than_its_way():
+    """Over the head and down over the throat: cut a third narrower, it was drawn up, and bunched under the chin."""
+    coif = _coif(PRAYER)
+    s, t = np.linspace(0.0, 1.0, 721), np.linspace(0.0, 1.0, 5)
+    way = np.linalg.norm(np.diff(coif.start(s[None], t[:, None]), axis=1), axis=2).sum(axis=1)
+    assert (coif.width * coif.narrowing(t) / way > 0.9).all()
+
+
 @pytest.mark.slow  # half a minute each
 @pytest.mark.parametrize(("figure", "names"), [("angel", ["robe"]), ("nun", ["habit", "linen", "veil"])])
 def test_figures_are_dressed_from_the_neck_to_the_ground(figure, names):

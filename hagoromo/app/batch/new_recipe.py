@@ -7,6 +7,7 @@ beside the folders, or are read off a chrome ball. Objects that need other optio
 from __future__ import annotations
 
 import glob
+import shlex
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -29,6 +30,9 @@ from hagoromo.photograph.photograph_folder import (
 RECIPE = "batch.toml"
 FEWEST = 4  # photographs under one lamp each that a shape needs
 
+OF_BALL = "lamps.json"  # what `calibrate lamps` writes
+BALL = "taken for photographs of a chrome ball"
+CALIBRATE = ": hagoromo calibrate lamps {name}/* --mask auto --out lamps.json, here, gives the objects its lamps"
 HEAD = """\
 # What is done with each of {count}. In the folder of this file,
 #
@@ -121,6 +125,7 @@ def shelf_of(folder: Path) -> Shelf:
             objects.setdefault(found, []).append(home.name)
         else:
             left_out[home.name] = found
+    _without_balls(objects, left_out)
     if not objects:
         itself = ": it is one object itself, give the folder that it is in" if photographs_among(beside) else ""
         said = "; ".join(f"{name}: {reason}" for name, reason in list(left_out.items())[:3])
@@ -128,6 +133,17 @@ def shelf_of(folder: Path) -> Shelf:
             f"{folder} has no folder with a capture or photographs{itself or (f' ({said})' if said else '')}"
         )
     return Shelf(objects, left_out)
+
+
+def _without_balls(objects: dict[ObjectSteps, list[str]], left_out: dict[str, str]) -> None:
+    """Leave out photographs of a chrome ball by itself, by the name of their folder, where objects lack lamps."""
+    for steps in [one for one in objects if not one.captured and one.lamps in ("", OF_BALL)]:
+        balls = [name for name in objects[steps] if "ball" in name.lower()]
+        others = [name for name in objects[steps] if name not in balls]
+        if balls and others:
+            objects[steps] = others
+            for name in balls:
+                left_out[name] = BALL + ("" if steps.lamps else CALIBRATE.format(name=shlex.quote(name)))
 
 
 def _steps_of(home: Path, beside: Sequence[str]) -> ObjectSteps | str:

@@ -39,6 +39,7 @@ LIKELY = 3  # circles in doubt that are looked at closely
 SAME = 0.5  # of the radius: centres nearer than this are of one ball
 FROM_EDGE = 1.0  # [px] error of a proposed outline, after its refinement in the larger pictures
 PAINT = "paint a mask that is white on the ball, and give it in place of auto (--ball, --mask)"
+OFFERED = "if that is the ball give it in place of auto"
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +82,7 @@ def search_balls(
     x, y = likely.centre
     raise InputError(
         f"{nothing} (a circle of {likely.radius:.0f} px radius at ({x:.0f}, {y:.0f}) shows the lamps, but its outline "
-        f"does not show all around): if that is the ball give it in place of auto ({stated(likely)}), else {PAINT}"
+        f"does not show all around): {OFFERED} ({stated(likely)}), else {PAINT}"
     )
 
 

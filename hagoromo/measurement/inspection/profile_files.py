@@ -82,7 +82,8 @@ def draw_profiles(axis: Any, profiles: Mapping[str, HeightProfile]) -> None:
     axis.set_ylabel(f"height over the chord [{first.unit}]", fontsize=9)
     (x0, y0), (x1, y1) = first.line
     axis.set_title(
-        f"from ({x0:g}, {y0:g}) to ({x1:g}, {y1:g}) px; heights {_exaggeration(axis):.2g} times exaggerated", fontsize=9
+        f"from ({x0:g}, {y0:g}) to ({x1:g}, {y1:g}) px; heights drawn {_exaggeration(axis):.2g} times as high as long",
+        fontsize=9,
     )
     axis.legend(frameon=False, fontsize=8, ncols=2 * len(profiles), loc="best")
 

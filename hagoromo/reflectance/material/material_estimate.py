@@ -130,6 +130,13 @@ class MaterialEstimate(RoughBody):
             interface = self._spectrum("interface", self.interface_colour, response, lamp_spectrum)
         return self.with_spectra(body, interface, element or self.element)
 
+    def times(self, factor: float) -> MaterialEstimate:
+        """The material that reflects `factor` times as much: all of its weights; itself for a factor of 1."""
+        if factor == 1.0:
+            return self
+        lobes = tuple((beta * factor, width) for beta, width in self.lobes)
+        return replace(self, alpha=factor * self.alpha, beta=factor * self.beta, lobes=lobes)
+
     def with_spectra(
         self, body: Spectrum, interface: Spectrum, element: Element = "plane", factor: float = 1.0
     ) -> Reflectance:

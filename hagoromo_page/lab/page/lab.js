@@ -9,11 +9,12 @@ const SECTIONS = [
   { name: "compare", title: "Compare", steps: ["relight"] },
   { name: "share", title: "Publish and keep", steps: ["publish", "export", "archive"] },
 ];
-const TOOLS = { look: "Look", ball: "Ball", object: "Object", background: "Background", "as found": "Eraser", swap: "Swap", chart: "Chart" };
+const TOOLS = { look: "Look", ball: "Ball", object: "Object", background: "Background", "as found": "Eraser", swap: "Swap", chart: "Chart", scale: "Scale" };
 const HINTS = {
   look: "", ball: "Drag the circle, or its white handle; drag elsewhere to draw one.", object: "Paint what is object.",
   background: "Paint what is not the object.", "as found": "Takes back what was painted.",
   chart: "Click its four corners, clockwise from the brown patch.",
+  scale: "Drag along a ruler, or any length that you know.",
   swap: "Choose two photographs below; their lamps are exchanged.",
 };
 const PROFILE = { creator: "Made by", institution: "Institution", licence: "Licence", place: "Place", contact: "Contact", camera: "Camera", lens: "Lens", lamps: "Lamps" };
@@ -22,7 +23,7 @@ const COLOURS = { object: "#2ea043", background: "#d03030", "as found": "#9aa0a8
 const SVG = "http://www.w3.org/2000/svg";
 const POLL_MS = 400, IDLE_MS = 4000;
 
-let state = null, drawn = {}, chosen = null, brush = 0.03, fault = "", version = 0, dragging = false;
+let state = null, drawn = {}, chosen = null, known = null, brush = 0.03, fault = "", version = 0, dragging = false;
 const $ = id => document.getElementById(id);
 
 function h(tag, attributes = {}, ...children) {
@@ -40,7 +41,7 @@ function h(tag, attributes = {}, ...children) {
 // --- where one looks: in the address ---
 function view() {
   const kept = Object.fromEntries(new URLSearchParams(location.hash.slice(1)));
-  return { section: "folder", photograph: "", shows: "photograph", tool: "look", ...kept };
+  return { section: "folder", photograph: "", shows: "photograph", tool: "look", all: "yes", ...kept };
 }
 function look(changes) {
   const next = { ...view(), ...changes };
@@ -133,7 +134,7 @@ function draw() {
   if (!state) return;
   const seen = view(), { job, ...still } = state, busy = running();
   part("steps", [still, seen.section, busy, current()], drawSteps);
-  part("tools", [still.steps, still.layers, still.painted, still.by_hand, still.chart, still.corners, still.as_named, still.lamps_in_file, seen, busy, brush], drawTools);
+  part("tools", [known, still.steps, still.layers, still.painted, still.by_hand, still.chart, still.corners, still.as_named, still.lamps_in_file, seen, busy, brush], drawTools);
   part("notes", [still.faults, still.advice, fault, seen.section], drawNotes);
   part("stage", [still.folder, still.photographs.length, still.circles, still.chart, still.corners, still.painted, still.mask_found, still.size, still.faults, seen, current(), version], drawStage);
   part("strip", [still.folder, still.order, still.lamps, still.photographs, current(), chosen, seen.tool, busy], drawStrip);
@@ -235,7 +236,7 @@ function profilePanel() {
     id: `profile-${key}`, value: kept[key] || "", placeholder: NEEDED.includes(key) ? "needed, unless you have a profile" : "", disabled: running(), maxlength: 500,
     onchange: event => { kept[key] = event.target.value; send({ do: "profile", values: kept }); },
   })));
-  return h("details", { open: Object.keys(kept).length > 0 }, h("summary", {}, "Who, where, with what"), h("div", { class: "aside" }, ...rows));
+  return h("details", { open: true }, h("summary", {}, "Who, where, with what"), h("div", { class: "aside" }, ...rows));
 }
 function dome() {
   if (!state.lamps.length) return null;
@@ -272,7 +273,7 @@ function drawTools() {
       if (name === "swap" && !state.lamps_in_file) continue;
       if (name === "ball" && state.lamps_in_file) continue;
       if (name === "chart" && !state.chart) continue;
-      made.push(h("button", { id: `tool-${name.replace(" ", "-")}`, "aria-pressed": String(seen.tool === name), disabled: off && name !== "look", title: HINTS[name], onclick: () => { chosen = null; look({ tool: name, shows: "photograph" }); } }, label));
+      made.push(h("button", { id: `tool-${name.replace(" ", "-")}`, "aria-pressed": String(seen.tool === name), disabled: off && name !== "look", title: HINTS[name], onclick: () => { chosen = known = null; look({ tool: name, shows: "photograph" }); } }, label));
       if (name === "look" || name === "as found") made.push(h("span", { class: "gap" }));
     }
     if (["object", "background", "as found"].includes(seen.tool)) {
@@ -281,7 +282,9 @@ function drawTools() {
     }
     if (seen.tool === "swap") made.push(h("button", { id: "reverse", disabled: off, onclick: () => send({ do: "reverse" }) }, "Reverse all"),
       state.as_named ? null : h("button", { id: "as-named", disabled: off, onclick: () => send({ do: "as named" }) }, "Order as named"));
+    if (seen.tool === "scale") made.push(...lengthTools(off));
     if (seen.tool === "chart" && state.corners.length) made.push(h("button", { id: "find-corners", disabled: off, onclick: () => send({ do: "corners", corners: [] }) }, "Find them instead"));
+    if (seen.tool === "ball") made.push(h("button", { id: "all", "aria-pressed": String(seen.all === "yes"), title: "The brightest of all photographs at each pixel, lifted out of the dark", onclick: () => look({ all: seen.all === "yes" ? "no" : "yes" }) }, "All in one"));
     if (seen.tool === "ball" && state.by_hand) made.push(h("button", { id: "find-balls", disabled: off, onclick: () => send({ do: "circles", circles: [] }) }, "Find it again"));
   } else if (state.steps) {
     const chip = (shows, label) => h("button", { "aria-pressed": String(seen.shows === shows), onclick: () => look({ shows }) }, label);
@@ -291,6 +294,18 @@ function drawTools() {
       if (step.state !== "to do") made.push(...step.opens.map(name => chip(`result:${name}`, step.name === "publish" ? "Page" : "Report")));
   }
   tools.replaceChildren(...made.filter(Boolean));
+}
+// A known length across the photograph gives what its longer side shows: the width that `measure` takes.
+function lengthTools(off) {
+  const measure = stepOf("measure"), stated = measure && measure.options.find(one => one.name === "across").value;
+  const take = async event => {
+    const mm = Number(event.target.value), px = Math.hypot(known[2] - known[0], known[3] - known[1]);
+    if (!(mm > 0)) return;
+    const across = (1e-3 * mm * Math.max(...state.size) / px).toPrecision(4);
+    if (await send({ do: "choose", step: "measure", option: "across", value: String(Number(across)) })) send({ do: "choose", step: "measure", option: "distance", value: "" });
+  };
+  return [known ? h("label", {}, "It is", h("input", { id: "length", size: 6, disabled: off, onchange: take }), "mm long") : null,
+    stated ? h("span", { id: "across" }, `The longer side shows ${Number((1e3 * stated).toPrecision(4))} mm`) : null];
 }
 function drawNotes() {
   const lines = [fault, ...state.faults].filter(Boolean).map(text => h("li", { class: "wrong" }, text));
@@ -326,7 +341,8 @@ function drawStage() {
     chart.append(cornersOf(state.chart_size));
     return stage.replaceChildren(chart);
   }
-  const frame = framed(size, `/photograph?${new URLSearchParams({ name, size: "large" })}`);
+  const together = seen.tool === "ball" && seen.all === "yes";
+  const frame = framed(size, together ? `/brightest?${new URLSearchParams({ folder: state.folder, of: photographs.length, from: onBall ? photographs[0] : "" })}` : `/photograph?${new URLSearchParams({ name, size: "large" })}`);
   if (seen.tool !== "ball" && (state.mask_found || state.painted)) frame.append(h("img", { src: `/overlay?${version}-${state.painted}`, alt: "", id: "overlay" }));
   frame.append(drawing(size, frame, onBall));
   stage.replaceChildren(frame);
@@ -357,6 +373,20 @@ function drawing(size, frame, onBall) {
       drag(event, svg, now => { fresh[2] = Math.max(Math.hypot(now[0] - start[0], now[1] - start[1]), 1); shape(ball, fresh); }, place,
         () => fresh[2] > 0.01 * size[0] ? send({ do: "circles", circles: [...(state.by_hand ? circles : []), fresh] }) : ball.remove());
     });
+  }
+  if (tool === "scale") {
+    const line = h("line", { class: "rule", id: "rule" });
+    const show = ([x1, y1, x2, y2]) => { for (const [key, value] of Object.entries({ x1, y1, x2, y2 })) line.setAttribute(key, value); };
+    if (known) show(known);
+    svg.append(line);
+    if (!running()) svg.addEventListener("pointerdown", event => {
+      if (event.button) return;
+      const start = place(event);
+      let end = start;
+      drag(event, svg, now => { end = now; show([...start, ...end]); }, place,
+        () => { known = Math.hypot(end[0] - start[0], end[1] - start[1]) > 2 ? [...start, ...end] : null; draw(); const field = $("length"); if (field) field.focus(); });
+    });
+    return svg;
   }
   if (COLOURS[tool] && !running()) {
     frame.classList.add("paint");
@@ -482,14 +512,20 @@ function drawCommand() {
   const next = busy ? [job.shown] : shown;
   if (copied() !== next.join("\n")) $("shown").replaceChildren(...next.map(one => h("div", {}, one)));
   $("line").hidden = !next.length;
+  $("take").hidden = true;
   $("log").hidden = !job || !job.lines.length;
   if (!job) return;
   const last = $("last"), lines = job.lines, end = lines.length ? lines[lines.length - 1] : "";
   last.className = busy ? "" : job.cancelled ? "" : job.status === 0 ? "good" : "wrong";
-  last.textContent = busy ? end : job.cancelled ? "Cancelled. What was finished before is kept." : job.status === 0 ? `Done: ${end}` : end.replace(/^hagoromo: /, "");
+  const refused = !busy && !job.cancelled && job.status !== 0;
+  last.textContent = busy ? end : job.cancelled ? "Cancelled. What was finished before is kept." : refused ? job.refused.replace(/^hagoromo: /, "") : `Done: ${end}`;
+  $("take").hidden = !(refused && job.circle && !state.by_hand);
   $("lines").textContent = lines.join("\n");
 }
 const copied = () => [...$("shown").children].map(one => one.textContent).join("\n");
+$("take").addEventListener("click", async () => {
+  if (await send({ do: "circles", circles: [state.job.circle] })) look({ section: "photographs", tool: "ball", shows: "photograph", all: "yes" });
+});
 $("cancel").addEventListener("click", () => send({ do: "cancel" }));
 $("copy").addEventListener("click", async () => {
   await navigator.clipboard.writeText(copied());

@@ -128,7 +128,8 @@ function plotHeights() {
   for (const v of up.made) { pen.strokeStyle = line; pen.beginPath(); pen.moveTo(box.left, y(v)); pen.lineTo(box.right, y(v)); pen.stroke(); pen.fillStyle = soft; pen.textAlign = "right"; pen.fillText(v.toFixed(up.digits), box.left - 6, y(v) + 4); }
   for (const v of across.made) { pen.strokeStyle = line; pen.beginPath(); pen.moveTo(x(v), box.top); pen.lineTo(x(v), box.bottom); pen.stroke(); pen.fillStyle = soft; pen.textAlign = "center"; pen.fillText(v.toFixed(across.digits), x(v), box.bottom + 14); }
   pen.textAlign = "left";
-  pen.fillText(`height over the chord [${heights.unit}]; ${(((box.bottom - box.top) / (high - low)) / ((box.right - box.left) / far)).toPrecision(2)} times exaggerated`, box.left, 12);
+  const steeper = ((box.bottom - box.top) / (high - low)) / ((box.right - box.left) / far);
+  pen.fillText(`height over the chord [${heights.unit}], drawn ${steeper.toPrecision(2)} times as high as long`, box.left, 12);
   pen.textAlign = "right";
   pen.fillText(`distance [${heights.unit}]`, box.right, height - 4);
   const runs = [];

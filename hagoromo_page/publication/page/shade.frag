@@ -23,7 +23,7 @@ uniform vec3 stretchColumns[CHANNELS], stretchOffset;  // display colour of a un
 uniform vec3 stops[3];             // colours of the ends and the middle of a scale
 uniform int view;
 uniform bool ofGloss;              // whether the view shows the gloss, or its error
-uniform float exposure;
+uniform float exposure, albedoFactor;
 uniform bool withShadows;
 uniform float enhancement, enhancementWidth;
 out vec4 shown;
@@ -138,7 +138,7 @@ void main() {
   if (view == 2) {
     vec3 albedo = vec3(0.0);
     for (int c = 0; c < CHANNELS; c++) albedo += PI * body[c] * bodyColumns[c];
-    shown = vec4(encoded(albedo), 1.0);
+    shown = vec4(encoded(albedoFactor * albedo), 1.0);
     return;
   }
   vec2 place = (tileOrigin + gl_FragCoord.xy) * levelFactor;

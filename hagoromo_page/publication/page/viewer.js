@@ -276,6 +276,7 @@ class Tile {
     gl.uniform1i(used.at("view"), view.number);
     gl.uniform1i(used.at("ofGloss"), view.gloss ? 1 : 0);
     gl.uniform1f(used.at("exposure"), data.exposure * 2 ** state.stops);
+    gl.uniform1f(used.at("albedoFactor"), data.albedoFactor);
     gl.uniform1i(used.at("withShadows"), state.shadows && relief && view.number === 0 ? 1 : 0);
     gl.uniform1f(used.at("enhancement"), state.enhance);
     gl.uniform1f(used.at("enhancementWidth"), (state.width * Math.PI) / 180);
