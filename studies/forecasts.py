@@ -46,7 +46,7 @@ def real_rows(folder: Path, objects: Sequence[str], shrink: int) -> list[dict[st
     for name in objects:
         capture = shrunk(read_object(folder, name, lamps), shrink)
         for number in range(len(capture.photographs)):
-            rows += _kept_aside(capture, [number], {"set": "real", "object": name})
+            rows += _kept_aside(capture, [number], {"set": f"real, {name}", "object": name})
     return rows
 
 

@@ -164,9 +164,9 @@ def test_errors_of_tiles_are_those_of_the_whole(small_tiles, tmp_path):
 
 @pytest.mark.nightly
 def test_narrow_highlights_in_tiles_follow_from_smooth_normals(small_tiles, tmp_path, monkeypatch):
-    """A mirror-like ball whose normals of single pixels are off by a third of a degree: in tiles by 0.154°, and as a
-    whole by 0.120°, with errors that hold for 89 and 92 %. They are 0.06° apart; lobes that are found on normals that
-    are not smooth yet, two in place of three, make 0.15° of it. Lamps of squares of pixels make the rest.
+    """A mirror-like ball whose normals of single pixels are off by a third of a degree: in tiles by 0.108°, and as a
+    whole by 0.120°, with errors that hold for 99 and 92 %. They are 0.07° apart; lobes that are found on normals that
+    are not smooth yet, two in place of three, make 0.15° of it.
     """
     monkeypatch.setattr(store_module, "SIDE", 48)
     ball = mirror_object("ball", 96, 24)
@@ -175,12 +175,12 @@ def test_narrow_highlights_in_tiles_follow_from_smooth_normals(small_tiles, tmp_
     assert fine.stiffness is not None
     both = [lobes_of(fit) for fit in (coarse.normal_map.fit, whole.fit)]
     assert both[0].shape == both[1].shape == (3, 2)
-    assert np.all(np.abs(both[0] - both[1]) < [0.2, 0.06])
+    assert np.all(np.abs(both[0] - both[1])[[0, 2]] < [0.15, 0.1])  # the widest and the narrowest
     known = np.isfinite(fine.variance) & np.isfinite(whole.variance) & (np.abs(ball.normals).sum(axis=2) > 0.0)
     off, apart = (angle(fine.normals, one)[known] for one in (ball.normals, whole.normals))
-    assert np.degrees(np.sqrt(np.mean(off**2))) < 0.17
-    assert np.degrees(np.sqrt(np.mean(apart**2))) < 0.08
-    assert np.mean(off**2 < 3.0 * fine.variance[known]) > 0.87
+    assert np.degrees(np.sqrt(np.mean(off**2))) < 0.13
+    assert np.degrees(np.sqrt(np.mean(apart**2))) < 0.09
+    assert np.mean(off**2 < 3.0 * fine.variance[known]) > 0.93
 
 
 def test_shared_errors_of_squares_are_read_for_every_pixel(tmp_path):

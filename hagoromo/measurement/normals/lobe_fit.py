@@ -104,14 +104,7 @@ def find_lobes(views: Views, fit: Fit, place: Array, trust: Trust, seed: int = 0
 
 def with_lobes_refined(capture: Capture, views: Views, fit: Fit, seed: int = 0) -> Fit:
     """`fit`, whose normals moved since its lobes were found, with lobes and body colours that fit best there."""
-    trust, place = trust_of(capture, views), views.place
-    each = refine_lobes(views, fit, place, trust, seed)
-    return with_bodies(views, fit_with(fit, each), place, trust, each)
-
-
-def refine_lobes(views: Views, fit: Fit, place: Array, trust: Trust, seed: int = 0) -> list[FoundLobes | None]:
-    """Of each material that has further lobes, all of its lobes as they fit best at the normals of `fit`."""
-    random, each = np.random.default_rng(seed), []
+    trust, random, place, each = trust_of(capture, views), np.random.default_rng(seed), views.place, []
     assert fit.lobes is not None
     for number, further in enumerate(fit.lobes.each):
         if not further:
@@ -126,7 +119,7 @@ def refine_lobes(views: Views, fit: Fit, place: Array, trust: Trust, seed: int =
             shapes = refined(samples, shapes)
         found = FoundLobes(with_covariance(samples, shapes, place[some]), samples.coloured, fit.lobes.gains[number])
         each.append(found.widened(fit, own))
-    return each
+    return with_bodies(views, fit_with(fit, each), place, trust, each)
 
 
 def most_pixels(lamps: int) -> int:

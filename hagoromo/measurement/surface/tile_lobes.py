@@ -1,8 +1,9 @@
 """Tile lobes: the highlight of photographs that exceed the memory, from some pixels of full size.
 
 Squares of pixels blur a narrow lobe, and so does the noise of a pixel's own normal. Where the surface is smooth, lobes
-are therefore found on the normals of a smooth surface within some squares near highlights, then refined on those that
-go with all lobes, as of photographs that are solved as a whole. Else they are found on single pixels.
+are therefore found on the normals of a smooth surface within some squares near highlights; else on single pixels. They
+are not refined on normals that go with all lobes, as those of photographs that are solved as a whole are: the lamps of
+the reduced photographs are less well known, and a lobe that is refined under them becomes too narrow.
 """
 
 from __future__ import annotations
@@ -19,7 +20,6 @@ from hagoromo.measurement.normals.lobe_fit import (
     find_lobes,
     fit_with,
     most_pixels,
-    refine_lobes,
     with_bodies,
 )
 from hagoromo.measurement.normals.lobe_samples import trust_of
@@ -30,7 +30,6 @@ from hagoromo.measurement.surface.tile_pixels import (
     Coarse,
     TilePixels,
     nearest_coarse,
-    with_all_lobes,
     with_one_lobe,
 )
 from hagoromo.measurement.surface.tile_store import TileStore
@@ -52,7 +51,7 @@ def with_lobes_of_tiles(store: TileStore, coarse: Coarse, seed: int = 0) -> Coar
     if coarse.stiffness is None:
         pixels = sampled(store, coarse, random)
         each = [] if pixels is None else find_lobes(pixels.views, pixels.fit, pixels.place, pixels.trust, seed)
-        return _having(coarse, coarse, each)
+        return _having(coarse, each)
     squares = _squares(store, coarse, random)
     pixels = None if squares is None else with_one_lobe(store, coarse, *squares)
     if squares is None or pixels is None:
@@ -62,22 +61,17 @@ def with_lobes_of_tiles(store: TileStore, coarse: Coarse, seed: int = 0) -> Coar
     each = find_lobes(some.views, some.fit, some.place, some.trust, seed)
     if not any(each):
         return coarse
-    found = with_stiffness(store, _having(coarse, coarse, each))
-    pixels = with_all_lobes(store, found, *squares)
-    assert pixels is not None  # of the same squares
-    some = _some(pixels if found.stiffness is None else smooth_squares(pixels, found.stiffness), chosen)
-    each = refine_lobes(some.views, some.fit, some.place, some.trust, seed)
-    return _having(coarse, found, each)
+    return with_stiffness(store, _having(coarse, each))
 
 
-def _having(plain: Coarse, coarse: Coarse, each: Sequence[FoundLobes | None]) -> Coarse:
-    """`coarse` with the lobes `each` on the one-lobe fit of `plain`, as it is without any."""
+def _having(coarse: Coarse, each: Sequence[FoundLobes | None]) -> Coarse:
+    """`coarse`, whose fit has one lobe, with the lobes `each`; as it is without any."""
     if not any(each):
         return coarse
-    fit, views = plain.normal_map.fit, plain.normal_map.views
-    whole = with_bodies(views, fit_with(fit, each), views.place, trust_of(plain.capture, views), each)
+    fit, views = coarse.normal_map.fit, coarse.normal_map.views
+    whole = with_bodies(views, fit_with(fit, each), views.place, trust_of(coarse.capture, views), each)
     body = views.image(whole.body.T.astype(np.float32))
-    normal_map = replace(plain.normal_map, fit=whole, body=body)
+    normal_map = replace(coarse.normal_map, fit=whole, body=body)
     return replace(coarse, normal_map=normal_map, gloss=fit.gloss.rows, lobes=tuple(each))
 
 
