@@ -14,6 +14,7 @@ from hagoromo.image.relight.forecast import (
     own_leverages,
 )
 from studies.forecasts import simulated_rows
+from studies.glossy_objects import GLOSSY
 
 ZENITH = np.array([0.0, 0.0, 1.0])
 BRIGHT = Shown(1.0, 1.0)
@@ -106,9 +107,12 @@ def test_half_of_the_photographs_are_nearer_than_expected_where_lamps_are_unequa
 
 
 @pytest.mark.nightly
-def test_forecasts_of_a_glossy_object_hold_in_and_outside_the_hull_of_the_lamps():
-    """The median of found / expected over photographs kept aside; highlights of the kind that is fitted."""
-    rows = [row for row in simulated_rows(("lacquer",), 1) if row["set"] == "glossy, even lamps"]
+def test_forecasts_of_glossy_objects_hold_in_and_outside_the_hull_of_the_lamps():
+    """The median of found / expected over photographs kept aside; highlights of the kind that is fitted. Of one object
+    seven photographs are inside or near, and where highlights are clipped in some of them only, their median is that
+    of chance (lacquer: 1.35).
+    """
+    rows = [row for row in simulated_rows(sorted(GLOSSY), 1) if row["set"] == "glossy, even lamps"]
     for outside in (False, True):
         ratios = [row["found"] / row["expected"] for row in rows if (row["outside_deg"] > 20.0) == outside]
-        assert len(ratios) > 3 and 0.75 < np.median(ratios) < 1.25
+        assert len(ratios) > 20 and 0.8 < np.median(ratios) < 1.25
