@@ -20,6 +20,7 @@ import tyro
 from tyro.conf import Positional
 
 import hagoromo as hg
+from hagoromo.image.relight.forecast import Shown
 from hagoromo.image.relight.learnt import learn
 from hagoromo.measurement.lamp_departure import lamp_departure
 from hagoromo.measurement.normals.photometric_model import predicted
@@ -45,7 +46,7 @@ def real_rows(folder: Path, objects: Sequence[str], shrink: int) -> list[dict[st
     for name in objects:
         capture = shrunk(read_object(folder, name, lamps), shrink)
         for number in range(len(capture.photographs)):
-            rows += _kept_aside(capture, [number], {"set": "real", "object": name})
+            rows += _kept_aside(capture, [number], {"set": f"real, {name}", "object": name})
     return rows
 
 
@@ -88,12 +89,14 @@ def _kept_aside(capture: hg.Capture, kept: Sequence[int], said: dict[str, Any]) 
         (lamp,) = photograph.lamps
         share, to_lamp = passed(lamp), np.broadcast_to(np.asarray(lamp.to_lamp), views.points.shape)
         shown = share * predicted(solved.fit, to_lamp[None], views.to_eye)[0]
-        value = learnt.added(shown, to_lamp, share) * lamp.direction_and_irradiance(views.points)[1]
+        added = learnt.added(shown, to_lamp, share)
+        value = added * lamp.direction_and_irradiance(views.points)[1]
         known = photograph.mask[views.rows, views.columns]
         true = photograph.values[views.rows, views.columns][known]
-        outside = learnt.outside(np.asarray(lamp.to_lamp))
+        direction = np.asarray(lamp.to_lamp)
+        outside = learnt.outside(direction)
         found = float(np.sqrt(np.mean((value.T[known] - true) ** 2) / np.mean(true**2)))
-        expected = learnt.forecast.expected(outside, departure.photographs)
+        expected = learnt.forecast.expected(direction, Shown.of(added), departure.photographs)
         rows.append(said | {"outside_deg": float(np.degrees(outside)), "expected": expected, "found": found})
     return rows
 

@@ -21,7 +21,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.image.relight.forecast import Forecast, forecast_of, outside_hull
+from hagoromo.image.relight.forecast import Forecast, Missed, forecast_of, outside_hull
 from hagoromo.measurement.normals.normals import NormalMap
 from hagoromo.measurement.normals.photometric_model import Fit, predicted
 from hagoromo.measurement.normals.pixel_fit import NormalFit, fit_pixels
@@ -85,9 +85,8 @@ class Learnt:
     """What was learnt from the photographs of `capture`, whose fit is `solved`.
 
     shadows and neighbours: None where they do not predict better. gains: share of the squared error of photographs
-    left out that each takes off; error: their relative error that is left; forecast: the same by how far outside the
-    hull of the others a lamp is. residuals: (K, C, P) of the views' values,
-    under even lamps.
+    left out that each takes off; error: their relative error that is left; forecast: that of photographs under other
+    lamps. residuals: (K, C, P) of the views' values, under even lamps.
     """
 
     solved: NormalMap
@@ -140,7 +139,7 @@ def learn(capture: Capture, solved: NormalMap, seed: int = 0, passed: Array | No
         residuals = whole.residuals(shadows).astype(np.float32)
     before = _error([case.own for case in cases], None)
     error = float(np.sqrt(before * (1.0 - first) * (1.0 - second)))
-    forecast = forecast_of(*zip(*(_outside_and_error(case, shadows, neighbours) for case in cases), strict=True))
+    forecast = _forecast(cases, shadows, neighbours, views.pixels(some))
     return Learnt(solved, capture, shadows, neighbours, (first, second), error, residuals, forecast)
 
 
@@ -274,15 +273,27 @@ def _error(own: Sequence[HeldOutFit], shadows: Shadows | None) -> float:
     return float(np.mean([np.sum((case.even[:, None] * case.residuals(shadows)) ** 2) / case.power for case in own]))
 
 
-def _outside_and_error(case: HeldOutFit, shadows: Shadows | None, neighbours: Neighbours | None) -> tuple[float, float]:
-    """How far [rad] the lamp that was left out is outside the hull of the others, and the relative error there."""
+def _forecast(
+    cases: Sequence[HeldOutFit], shadows: Shadows | None, neighbours: Neighbours | None, views: Views
+) -> Forecast:
+    """What the photographs left out let expect of others; views: of the same pixels."""
+    missed = [_missed(case, shadows, neighbours, views.variance[case.number]) for case in cases]
+    known = views.used[:, None] & np.isfinite(views.variance) & np.isfinite(views.values)
+    rise, least = np.polyfit(views.values[known], views.variance[known], 1)
+    return forecast_of(cases[0].directions, missed, (float(least), float(rise)))
+
+
+def _missed(case: HeldOutFit, shadows: Shadows | None, neighbours: Neighbours | None, variance: Array) -> Missed:
+    """How far off the photograph that was left out is, and by noise of this `variance` (C, P)."""
     others = np.arange(len(case.values)) != case.number
     lamps, left = case.directions, case.residuals(shadows)
-    off = left[case.number]
+    off, trusted = left[case.number], case.trusted[case.number]
     if neighbours is not None:
         off = off - np.tensordot(neighbours.weights(lamps[others], lamps[case.number]), left[others], axes=1)
-    off = np.where(case.trusted[case.number], off, 0.0) * case.even[case.number]
-    return outside_hull(lamps[others], lamps[case.number]), float(np.sqrt(np.sum(off**2) / case.own.power))
+    if not trusted.any():
+        return Missed(case.number, 0.0, 0.0)
+    noise = variance[:, trusted] / case.even[case.number, trusted] ** 2
+    return Missed(case.number, float(np.mean(off[:, trusted] ** 2)), float(np.mean(noise)))
 
 
 def _neighbours(cases: Sequence[HeldOutFit], shadows: Shadows | None) -> tuple[Neighbours | None, float]:

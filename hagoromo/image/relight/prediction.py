@@ -26,6 +26,7 @@ from hagoromo.files.exr import write_exr
 from hagoromo.files.png import write_png
 from hagoromo.files.record import ForeignRecord, WrittenBy, about, written_by
 from hagoromo.image.compare import Comparison, compare
+from hagoromo.image.relight.forecast import Shown
 from hagoromo.image.relight.learnt import Learnt
 from hagoromo.image.relight.stage import Stage
 from hagoromo.image.relight.yardstick import light_of
@@ -94,6 +95,7 @@ class Prediction:
     compared, of object_pixels that the photograph shows of the object. compared: key of PREDICTIONS → its difference
     from the photograph. lamps: description of each lamp. expected: relative error of the boxes with what was learnt
     that photographs left out let expect of a lamp so far `outside` the hull of those measured [rad]; None: unknown.
+    shown: what these boxes show per unit of irradiance; None where nothing was learnt of them.
     """
 
     name: str
@@ -108,6 +110,7 @@ class Prediction:
     object_pixels: int
     expected: float | None = None
     outside: float | None = None
+    shown: Shown | None = None
 
     @property
     def of_boxes(self) -> str:
@@ -178,7 +181,7 @@ def predict(
     several = of_measured_view and "boxes_learnt" in learnt and len(alone) > 1
     by_lamp = [rendered(stage, one, number, home)[0] for one in alone] if several else []
     boxes, covered = rendered(stage, photograph, number, home)  # last: its scene stays
-    values = {"boxes": boxes}
+    values, by_boxes = {"boxes": boxes}, None
     clipped, white = _clipped(photograph)
     shown = photograph.mask | clipped
     if of_measured_view:
@@ -186,6 +189,7 @@ def predict(
             lit, one = by_lamp or [boxes], learnt["boxes_learnt"]
             passed = [_passed(stage, *pair, one.solved.views) for pair in zip(alone, lit, strict=True)]
             values["boxes_learnt"] = _with_learnt(alone, lit, passed, one)
+            by_boxes = _per_irradiance(photograph, values["boxes_learnt"], one.solved.views)
         values["normals"] = on_normals(stage, photograph)
         if "learnt" in learnt:
             lit = [on_normals(stage, one) for one in alone]
@@ -208,7 +212,7 @@ def predict(
     compared = {key: compare(np.float32(one), np.float32(shown), mask, 1.0) for key, one in predictions.items()}
     lamps = tuple(_described(lamp) for lamp in photograph.lamps)
     parts = photograph, shown, predictions, mask, compared, level, lamps
-    return Prediction(photograph.name, number, *parts, object_pixels)
+    return Prediction(photograph.name, number, *parts, object_pixels, shown=by_boxes)
 
 
 def rendered(stage: Stage, photograph: Photograph, number: int, home: Path) -> tuple[Array, NDArray[np.bool_]]:
@@ -298,6 +302,12 @@ def _with_learnt(
         total += light * learnt.added((values[views.rows, views.columns] / light).T, to_lamp, share).T
     whole[views.rows, views.columns] = total
     return np.asarray(whole, np.float64)
+
+
+def _per_irradiance(photograph: Photograph, values: Array, views: Views) -> Shown:
+    """What values (h, w, 3) under all lamps of the photograph show per unit of their irradiance."""
+    light = np.sum([light_of(lamp, photograph, views.points)[1] for lamp in photograph.lamps], axis=0)
+    return Shown.of(values[views.rows, views.columns] / np.maximum(light, 1e-12 * light.max()))
 
 
 def _described(lamp: Lamp) -> str:

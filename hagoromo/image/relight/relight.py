@@ -87,13 +87,13 @@ def relight(
 def _with_forecast(prediction: Prediction, measurement: Measurement, learnt: Learnt | None) -> Prediction:
     """The prediction with the error that was to be expected of it, in the measured view and with what was learnt."""
     departure = measurement.lamp_departure
-    if learnt is None or departure is None or "boxes_learnt" not in prediction.predictions:
+    shown = prediction.shown
+    if learnt is None or departure is None or shown is None:
         return prediction
     middle = learnt.solved.views.points.mean(axis=0)
-    lamps = (lamp.direction_and_irradiance(middle[None])[0][0] for lamp in prediction.source.lamps)
-    outside = max(learnt.outside(to_lamp) for to_lamp in lamps)
-    expected = learnt.forecast.expected(outside, departure.photographs)
-    return replace(prediction, expected=expected, outside=outside)
+    lamps = [lamp.direction_and_irradiance(middle[None])[0][0] for lamp in prediction.source.lamps]
+    expected = max(learnt.forecast.expected(to_lamp, shown, departure.photographs) for to_lamp in lamps)
+    return replace(prediction, expected=expected, outside=max(map(learnt.outside, lamps)))
 
 
 def _under(rig: Rig, stage: Stage, photograph: Photograph) -> tuple[NDArray[np.float32], Photograph]:

@@ -60,6 +60,30 @@ def noise_of(solved: TilePixels) -> Array:
     return known_variance(noise_factor(_near(solved.views), _halves(solved)) * solved.fit.variance)
 
 
+def smooth_squares(solved: TilePixels, stiffness: Stiffness) -> TilePixels:
+    """`solved`, pixels in some squares of the grid of `TILE`, with the normals of a smooth surface within each square,
+    their variance, and the body colours that go with them.
+    """
+    views, fit = solved.views, solved.fit
+    laid = _laid_out(views)
+    noise = known_variance(noise_factor(laid, _halves(solved)) * fit.variance)
+    normals, share = smooth_surface(laid, stiffness.value, fit.normals, noise)
+    fit = replace(fit, normals=normals, variance=share * fit.variance)
+    return solved._replace(fit=replace(fit, body=bodies_at(views, fit, solved.place)))
+
+
+def square_of(rows: NDArray[np.intp], columns: NDArray[np.intp], width: int) -> NDArray[np.intp]:
+    """(P,) number of the square of `TILE` that pixels of a picture of this width lie in."""
+    return rows // TILE * -(-width // TILE) + columns // TILE
+
+
+def _laid_out(views: Views) -> Views:
+    """`views` in a picture in which the squares that have pixels lie side by side, APART."""
+    number = np.unique(square_of(views.rows, views.columns, views.shape[1]), return_inverse=True)[1]
+    columns = views.columns % TILE + (TILE + APART) * number
+    return replace(views, rows=views.rows % TILE, columns=columns, shape=(TILE, int(columns.max()) + 1))
+
+
 def _halves(solved: TilePixels) -> list[NormalFit]:
     return of_halves(solved.views, solved.fit, solved.place, STEPS)
 

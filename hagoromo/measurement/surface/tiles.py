@@ -18,35 +18,31 @@ from numpy.typing import NDArray
 from hagoromo.cluster.cluster import Here, Workers
 from hagoromo.errors import InputError
 from hagoromo.measurement.normals.gloss_choice import BY_EVIDENCE, GlossModel
-from hagoromo.measurement.normals.highlight_check import angles
-from hagoromo.measurement.normals.lobe_fit import find_lobes, fit_with, most_pixels, with_bodies
-from hagoromo.measurement.normals.lobe_samples import trust_of
+from hagoromo.measurement.normals.lobe_fit import with_bodies
 from hagoromo.measurement.normals.normals import NormalMap, solve_with_one_lobe, with_shared_errors
 from hagoromo.measurement.normals.photometric_model import Prior
 from hagoromo.measurement.normals.pixel_errors import UNKNOWN_DIRECTION, footprint
 from hagoromo.measurement.normals.pixel_fit import STILL_MOVING_SHARE
 from hagoromo.measurement.normals.smooth_share import Stiffness
-from hagoromo.measurement.normals.views import Array, Stack
+from hagoromo.measurement.normals.views import Array
 from hagoromo.measurement.surface.cast_shadows import cast_shadows
 from hagoromo.measurement.surface.depth import anchored_surface, surface_of
 from hagoromo.measurement.surface.shape import has_near_lamps, solve_shape
 from hagoromo.measurement.surface.smooth_tiles import margin_of, noise_of, smooth_tile, with_stiffness
+from hagoromo.measurement.surface.tile_lobes import with_lobes_of_tiles
 from hagoromo.measurement.surface.tile_pixels import (
     Coarse,
     Known,
     Shared,
-    TilePixels,
     coarse_depth,
     known_of,
     nearest_coarse,
     shared_file,
     with_all_lobes,
-    with_one_lobe,
 )
 from hagoromo.measurement.surface.tile_store import TileStore
 from hagoromo.progress import Progress, part_of, silent
 
-STRATA = (0.0, 2.0, 4.0, 8.0, 16.0)  # [°] least angles of the strata between normal and half vector of the nearest lamp
 STRIP = 256  # rows of a picture whose footprints are computed at once
 MARGIN = 2  # coarse pixels around a tile that its integration includes, so that neighbouring tiles join
 
@@ -96,8 +92,10 @@ def solve_coarse(
     normal_map = with_shared_errors(plain)
     shadows = cast_shadows(normal_map, normal_map.views.valid(capture.photographs))
     surface = surface_of(normal_map, capture.photographs[0].camera, distance, shadows=shadows)
-    coarse = _with_lobes(store, Coarse(capture, normal_map, surface, misfit=_misfit(plain, normal_map)))
-    return with_stiffness(store, coarse)
+    coarse = with_lobes_of_tiles(store, Coarse(capture, plain, surface))
+    if any(coarse.lobes):  # errors of normals under all of them
+        plain, normal_map = coarse.normal_map, with_shared_errors(coarse.normal_map)
+    return replace(coarse, normal_map=normal_map, misfit=_misfit(plain, normal_map))
 
 
 def _misfit(plain: NormalMap, found: NormalMap) -> Array | None:
@@ -243,39 +241,6 @@ def _solve_tile(shared: Shared, tile: int) -> SolvedTile | None:
     return SolvedTile(
         *(views.rows, views.columns), fit.normals, own, beside, noise, fit.body.T, solved.converged, fit.labels
     )
-
-
-def _with_lobes(store: TileStore, coarse: Coarse, seed: int = 0) -> Coarse:
-    """`coarse` with further lobes of each material where pixels of full size need them."""
-    fit, views = coarse.normal_map.fit, coarse.normal_map.views
-    if not np.any(np.exp(fit.gloss.rows[:, 0]) > 0.0):
-        return coarse
-    pixels = _sampled(store, coarse, np.random.default_rng(seed))
-    each = [] if pixels is None else find_lobes(pixels.views, pixels.fit, pixels.place, pixels.trust, seed)
-    if not any(each):
-        return coarse
-    whole = with_bodies(views, fit_with(fit, each), views.place, trust_of(coarse.capture, views), each)
-    body = views.image(whole.body.T.astype(np.float32))
-    normal_map = replace(coarse.normal_map, fit=whole, body=body)
-    return replace(coarse, normal_map=normal_map, gloss=fit.gloss.rows, lobes=tuple(each))
-
-
-def _sampled(store: TileStore, coarse: Coarse, random: np.random.Generator) -> TilePixels | None:
-    """Pixels of full size, `most_pixels` of each material or fewer: as many in each of the strata of the half angle."""
-    fit = coarse.normal_map.fit
-    nearest = np.degrees(angles(fit.normals, coarse.normal_map.views).min(axis=0))
-    stratum = len(STRATA) * fit.labels + np.digitize(nearest, STRATA) - 1
-    numbers = np.bincount(stratum, minlength=len(STRATA) * len(fit.gloss.rows)) * float(store.factor) ** 2
-    chance = np.minimum(most_pixels(len(store.lamps)) / len(STRATA) / np.maximum(numbers, 1.0), 1.0)[stratum]
-    stacks, places = [], []
-    for tile in range(store.count):
-        stack, *pixels = store.stack(tile)
-        chosen = random.random(len(pixels[0])) < nearest_coarse(store, coarse, chance, (pixels[0], pixels[1]))
-        stacks.append((stack.values[:, chosen], stack.variance[:, chosen], stack.valid[:, chosen]))
-        places.append((pixels[0][chosen], pixels[1][chosen]))
-    stack = Stack(*(np.concatenate(parts, axis=1) for parts in zip(*stacks, strict=True)))
-    rows, columns = (np.concatenate(parts) for parts in zip(*places, strict=True))
-    return with_one_lobe(store, coarse, stack, (rows, columns))
 
 
 def _window(store: TileStore, tile: int, margin: int | None = None) -> tuple[slice, slice]:
