@@ -20,7 +20,7 @@ import tyro
 from tyro.conf import Positional
 
 import hagoromo as hg
-from hagoromo.image.relight.forecast import Shown
+from hagoromo.image.relight.forecast import ShownLight
 from hagoromo.image.relight.learnt import learn
 from hagoromo.measurement.lamp_departure import lamp_departure
 from hagoromo.measurement.normals.photometric_model import predicted
@@ -96,7 +96,7 @@ def _kept_aside(capture: hg.Capture, kept: Sequence[int], said: dict[str, Any]) 
         direction = np.asarray(lamp.to_lamp)
         outside = learnt.outside(direction)
         found = float(np.sqrt(np.mean((value.T[known] - true) ** 2) / np.mean(true**2)))
-        expected = learnt.forecast.expected(direction, Shown.of(added), departure.photographs)
+        expected = learnt.forecast.expected(direction, ShownLight.of(added), departure.photographs)
         rows.append(said | {"outside_deg": float(np.degrees(outside)), "expected": expected, "found": found})
     return rows
 

@@ -34,9 +34,9 @@ def table(monkeypatch):
 
 def test_the_table_of_peers_has_a_row_for_the_measured_and_the_absent(table, tmp_path):
     rows = [
-        table.Row("ball", "numba", "step", 1.5, 5, 0.01, 1.0, ratio=12.0, peak=300.0),
-        table.Row("ball", "numpy", "step", 3.0, 5, 0.001, 1.0, ratio=24.0, as_accurate=False, peak=300.0),
-        table.Row("ball", "vtk", absent="not installed: vtkmodules"),
+        table.PeerRow("ball", "numba", "step", 1.5, 5, 0.01, 1.0, ratio=12.0, peak=300.0),
+        table.PeerRow("ball", "numpy", "step", 3.0, 5, 0.001, 1.0, ratio=24.0, as_accurate=False, peak=300.0),
+        table.PeerRow("ball", "vtk", absent="not installed: vtkmodules"),
     ]
     page, data = table.write(tmp_path, rows)
     lines = [line for line in page.read_text(encoding="utf-8").split("\n") if line.startswith("| ball")]

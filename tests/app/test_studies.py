@@ -126,7 +126,7 @@ INSIDE = {  # modules of the package that a study takes apart, and why no public
     # the parts of a measurement that errors are stated for, without the rest of it
     "errors_of_normals.py": {"measurement.normals.gloss_estimate", "measurement.surface.depth"},
     "forecasts.py": {
-        *("image.relight.learnt", "measurement.lamp_departure"),
+        *("image.relight.forecast", "image.relight.learnt", "measurement.lamp_departure"),
         *("measurement.normals.photometric_model", "measurement.surface.depth"),
     },
 }

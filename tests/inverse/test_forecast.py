@@ -7,7 +7,7 @@ from hagoromo.image.relight.forecast import (
     LEAST_MISFIT,
     Forecast,
     Missed,
-    Shown,
+    ShownLight,
     forecast_of,
     leverage,
     outside_hull,
@@ -17,7 +17,7 @@ from studies.forecasts import simulated_rows
 from studies.glossy_objects import GLOSSY
 
 ZENITH = np.array([0.0, 0.0, 1.0])
-BRIGHT = Shown(1.0, 1.0)
+BRIGHT = ShownLight(1.0, 1.0)
 
 
 def ring(away: float, count: int) -> np.ndarray:
@@ -72,7 +72,7 @@ def test_errors_that_grow_are_forecast():
     true = (1.0 + leverage(LAMPS, further)) * (1.0 + (30.0 * outside_hull(LAMPS, further) ** 2) ** 2)
     assert found.error(further, BRIGHT) == pytest.approx(np.hypot(0.02, 0.03 * np.sqrt(true)), rel=0.21)
     # of half the light the errors are as large, noise but 0.7 times: relative to it they are larger
-    assert found.error(further, Shown(0.5, 0.25)) == pytest.approx(2.0 * np.sqrt(2e-4 + 9e-4 * true), rel=0.21)
+    assert found.error(further, ShownLight(0.5, 0.25)) == pytest.approx(2.0 * np.sqrt(2e-4 + 9e-4 * true), rel=0.21)
 
 
 def test_errors_that_do_not_grow_are_expected_outside_as_the_leverage_has_them():

@@ -33,14 +33,14 @@ LEAST_LEFT = 1e-3  # 1 − H at least, H being a lamp's leverage on itself: wher
 
 
 @dataclass(frozen=True)
-class Shown:
+class ShownLight:
     """Means over pixels and channels of what is shown per unit of irradiance: of the values and of their squares."""
 
     mean: float
     square: float
 
     @classmethod
-    def of(cls, values: NDArray[np.floating]) -> Shown:
+    def of(cls, values: NDArray[np.floating]) -> ShownLight:
         """Of values of any shape."""
         return cls(float(np.mean(values)), max(float(np.mean(np.square(values, dtype=np.float64))), LEAST**2))
 
@@ -67,13 +67,13 @@ class Forecast:
     growth: float
     noise: tuple[float, float] = (0.0, 0.0)
 
-    def error(self, to_lamp: Array, shown: Shown) -> float:
+    def error(self, to_lamp: Array, shown: ShownLight) -> float:
         """Relative, of a photograph under a lamp in the direction `to_lamp` (3,) that is as stated."""
         inflated = (1.0 + leverage(self.lamps, to_lamp)) * _grown(self.growth, outside_hull(self.lamps, to_lamp))
         noise = max(self.noise[0] + self.noise[1] * shown.mean, 0.0)
         return math.sqrt((noise + self.misfit**2 * inflated) / shown.square)
 
-    def expected(self, to_lamp: Array, shown: Shown, departures: Sequence[float]) -> float:
+    def expected(self, to_lamp: Array, shown: ShownLight, departures: Sequence[float]) -> float:
         """Relative, of a photograph whose lamp was stated: half of such photographs are nearer.
 
         departures: relative errors of the photographs measured by their lamps, had these been taken as stated.

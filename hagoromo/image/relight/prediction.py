@@ -26,7 +26,7 @@ from hagoromo.files.exr import write_exr
 from hagoromo.files.png import write_png
 from hagoromo.files.record import ForeignRecord, WrittenBy, about, written_by
 from hagoromo.image.compare import Comparison, compare
-from hagoromo.image.relight.forecast import Shown
+from hagoromo.image.relight.forecast import ShownLight
 from hagoromo.image.relight.learnt import Learnt
 from hagoromo.image.relight.stage import Stage
 from hagoromo.image.relight.yardstick import light_of
@@ -110,7 +110,7 @@ class Prediction:
     object_pixels: int
     expected: float | None = None
     outside: float | None = None
-    shown: Shown | None = None
+    shown: ShownLight | None = None
 
     @property
     def of_boxes(self) -> str:
@@ -304,10 +304,10 @@ def _with_learnt(
     return np.asarray(whole, np.float64)
 
 
-def _per_irradiance(photograph: Photograph, values: Array, views: Views) -> Shown:
+def _per_irradiance(photograph: Photograph, values: Array, views: Views) -> ShownLight:
     """What values (h, w, 3) under all lamps of the photograph show per unit of their irradiance."""
     light = np.sum([light_of(lamp, photograph, views.points)[1] for lamp in photograph.lamps], axis=0)
-    return Shown.of(values[views.rows, views.columns] / np.maximum(light, 1e-12 * light.max()))
+    return ShownLight.of(values[views.rows, views.columns] / np.maximum(light, 1e-12 * light.max()))
 
 
 def _described(lamp: Lamp) -> str:

@@ -85,13 +85,13 @@ def examine(capture: Capture, shifts: Mapping[str, tuple[float, float]] | None =
     else:
         found["order"] = order_check(shading)
         ordered = found["order"].state != "doubtful"
-        shading, lamps, exponent, why = _lit(shading, capture) if ordered else Lit(shading, None, None, FIRST)
+        shading, lamps, exponent, why = _lit(shading, capture) if ordered else JudgedLamps(shading, None, None, FIRST)
         found |= _of_lamps(shading, capture, lamps, why)
     found["transfer"] = _transfer(capture, exponent, why)
     return Examined(Health(checks=tuple(found[name] for name in NAMES)), exponent, lamps)
 
 
-class Lit(NamedTuple):
+class JudgedLamps(NamedTuple):
     """shading: the sample by which lamps are judged, without gloss where that explains the photographs. lamps: as
     fitted. exponent: see `Examined`. why: there is none of them.
     """
@@ -102,7 +102,7 @@ class Lit(NamedTuple):
     why: str = ""
 
 
-def _lit(shading: ShadingSample, capture: Capture) -> Lit:
+def _lit(shading: ShadingSample, capture: Capture) -> JudgedLamps:
     """The lamps, and the exponent with their strengths taken out; that of linear values unless it contradicts them.
 
     Linear values under lamps as they are stated need no other explanation, nor do linear values of a glossy surface.
@@ -110,20 +110,20 @@ def _lit(shading: ShadingSample, capture: Capture) -> Lit:
     """
     linear, stated = fitted_lamps(shading, (1.0,)), linearity_of(capture)
     if not linear.uneven and stated is not None and stated.finding == "linear":
-        return Lit(shading, linear, stated)
+        return JudgedLamps(shading, linear, stated)
     few = shading.few()
     matte, bent = few.without_gloss(), fitted_lamps(shading, POWERS)
     if bent.power != 1.0 and min(bent.misfit) < CLEARLY * min(few.misfit(), matte.misfit()):
         if bent.uneven and few.relief < FLAT:
-            return Lit(shading, None, None, CONFOUNDED)
+            return JudgedLamps(shading, None, None, CONFOUNDED)
         exponent = linearity_of(with_strengths(capture, bent)) if bent.uneven else stated
         if exponent is not None and exponent.contradicted:
-            return Lit(shading, bent, exponent)
+            return JudgedLamps(shading, bent, exponent)
     if matte is not few:
-        return Lit(matte, fitted_lamps(matte, (1.0,)), exponent_of(matte.lit, matte.to_lamp, matte.to_eye))
+        return JudgedLamps(matte, fitted_lamps(matte, (1.0,)), exponent_of(matte.lit, matte.to_lamp, matte.to_eye))
     if linear.uneven and few.relief < FLAT:
-        return Lit(shading, linear, None, CONFOUNDED)
-    return Lit(shading, linear, linearity_of(with_strengths(capture, linear)) if linear.uneven else stated)
+        return JudgedLamps(shading, linear, None, CONFOUNDED)
+    return JudgedLamps(shading, linear, linearity_of(with_strengths(capture, linear)) if linear.uneven else stated)
 
 
 def _of_lamps(shading: ShadingSample, capture: Capture, lamps: FittedLamps | None, why: str) -> dict[Name, Check]:
