@@ -1,6 +1,5 @@
 """The project says one thing in all places: version, commands, what the workflow and the hooks run."""
 
-import ast
 import re
 from pathlib import Path
 
@@ -64,8 +63,7 @@ def test_a_name_of_a_class_has_one_meaning():
     places: dict[str, list[str]] = {}
     for folder in ("hagoromo*", "studies", "benchmarks", "fuzz", "packaging", "tests"):
         for path in sorted(ROOT.glob(f"{folder}/**/*.py")):
-            for node in ast.walk(ast.parse(path.read_bytes())):
-                if isinstance(node, ast.ClassDef):
-                    places.setdefault(node.name, []).append(str(path.relative_to(ROOT)))
+            for name in re.findall(r"^ *class (\w+)[(:]", path.read_text(encoding="utf-8"), re.MULTILINE):
+                places.setdefault(name, []).append(str(path.relative_to(ROOT)))
     assert len(places) > 900
     assert {name: where for name, where in places.items() if len(where) > 1} == {}
