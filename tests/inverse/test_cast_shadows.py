@@ -87,6 +87,7 @@ def test_steps_of_a_large_picture_are_where_its_own_pixels_show_them():
     assert judged(points, seen, camera, towards)[0] < at_best + 0.001
 
 
+@pytest.mark.nightly
 def test_a_surface_without_steps_is_what_its_normals_give():
     """The same bits, whatever the photographs show of shadows."""
     camera = relief_camera(64)

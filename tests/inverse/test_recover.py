@@ -218,7 +218,7 @@ def test_an_interrupt_gives_what_there_is(taken):
     assert (found.distance < 0.0).any()
 
 
-@pytest.mark.by_night("0.45-True", "0.75-False")
+@pytest.mark.by_night("0.45-True", "0.8-True")
 @pytest.mark.parametrize(("at", "lamps"), [(0.45, True), (0.8, True), (0.75, False)])
 def test_work_that_goes_on_ends_with_the_same_bits(taken, tmp_path, at, lamps):
     """Interrupted in a level, in a half for the errors, and under unknown light; what is refined goes on, too."""
