@@ -14,7 +14,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.least_squares.loss import log_interval
+from hagoromo.least_squares.loss import Loss, log_interval
 
 Array = NDArray[np.float64]
 
@@ -26,7 +26,7 @@ FEWEST_AT_A_PIXEL = 5
 LIT = 0.2  # cosine of incidence above which a lamp counts at a pixel
 DARK = 0.01  # share of a pixel's largest value below which a lamp is taken for shadow
 RELATIVE, FLOOR = 0.03, 0.01  # errors of the model: of the value, and of the pixel's largest value
-OUTLIER = 2.5  # [such errors] residuals beyond count linearly (Huber), as highlights and cast shadows do
+ROBUST = Loss("huber", 2.5)  # [such errors] residuals beyond count linearly, as highlights and cast shadows do
 ROUNDS = 3  # reweightings
 GLOSS_WIDTHS = (0.05, 0.1, 0.2, 0.3, 0.4)  # [rad] of the half vector, of a gloss that is tried
 GLOSS_TURNS = 6  # of the gloss and the normals in turn
@@ -192,8 +192,7 @@ def without_gloss(
         """Misfit, residuals and unit normals of what is left, over its own largest values."""
         top = np.maximum(np.where(there, rest, 0.0).max(axis=0), 1e-300)
         residual, g = lambert_fit(np.where(there, rest / top, 1.0), there, to_lamp)
-        normals = g / np.maximum(np.linalg.norm(g, axis=1, keepdims=True), 1e-300)
-        return float(huber(residual)[there].mean()) if there.any() else 0.0, residual, normals
+        return loss(residual, there), residual, g / np.maximum(np.linalg.norm(g, axis=1, keepdims=True), 1e-300)
 
     plain = fitted(scaled, usable)
     least, best = EVIDENT * plain[0], None
@@ -203,9 +202,9 @@ def without_gloss(
         for _ in range(GLOSS_TURNS):
             angle = np.arccos(np.clip(np.sum(half * normals, axis=-1), -1.0, 1.0))
             lobe = np.where(np.sum(to_lamp * normals, axis=-1) > 0.0, np.exp(-((angle / width) ** 2)), 0.0) / largest
-            robust = np.sqrt(np.minimum(1.0, OUTLIER / np.maximum(residual, 1e-12)))
-            weight = np.where(usable, robust / np.hypot(RELATIVE * scaled, FLOOR), 0.0)
-            own, other = (_not_lambert(light, weight, to_lamp) for light in (lobe, scaled))
+            weight = np.where(usable, np.sqrt(ROBUST.weight(residual)) / np.hypot(RELATIVE * scaled, FLOOR), 0.0)
+            # the parts of both that no normal and albedo of each pixel explain
+            own, other = (weight * (one - _lambert(weight**2, one, to_lamp)[1]) for one in (lobe, scaled))
             strength = max(float(np.sum(own * other)) / max(float(np.sum(own * own)), 1e-300), 0.0)
             rest = scaled - strength * lobe
             there = usable & (rest > 0.0)
@@ -215,18 +214,9 @@ def without_gloss(
     return best
 
 
-def _not_lambert(light: Array, weight: Array, to_lamp: Array) -> Array:
-    """(K, P) the part of weighted light that no normal and albedo of each pixel explain."""
-    square = weight**2
-    normal = np.einsum("kp,kpi,kpj->pij", square, to_lamp, to_lamp, optimize=True)
-    normal += (1e-9 * np.trace(normal, axis1=1, axis2=2) + 1e-300)[:, None, None] * np.eye(3)
-    g = np.linalg.solve(normal, np.einsum("kp,kpi->pi", square * light, to_lamp)[..., None])[..., 0]
-    return weight * (light - np.einsum("kpi,pi->kp", to_lamp, g))
-
-
-def huber(scaled: Array) -> Array:
-    """Huber's loss of residuals in errors of the model."""
-    return np.where(scaled < OUTLIER, 0.5 * scaled**2, OUTLIER * (scaled - 0.5 * OUTLIER))
+def loss(residual: Array, usable: NDArray[np.bool_]) -> float:
+    """Mean of Huber's loss of residuals in errors of the model."""
+    return float(ROBUST.value(residual)[usable].mean()) if usable.any() else 0.0
 
 
 def _chosen(values: Array, to_lamp: Array, to_eye: Array) -> tuple[Array, NDArray[np.bool_], Array, Array]:
@@ -266,7 +256,7 @@ def _lit(values: Array, usable: NDArray[np.bool_], to_lamp: Array) -> NDArray[np
 def _misfit(values: Array, usable: NDArray[np.bool_], to_lamp: Array, p: float) -> Array:
     """(P,) Huber's misfit of values (K, P) to (g · L)^(1/p), with the best g of each pixel."""
     scaled, _ = _fit(values, usable, to_lamp, p)
-    return huber(scaled).sum(axis=0)
+    return ROBUST.value(scaled).sum(axis=0)
 
 
 def _fit(values: Array, usable: NDArray[np.bool_], to_lamp: Array, p: float) -> tuple[Array, Array]:
@@ -276,15 +266,20 @@ def _fit(values: Array, usable: NDArray[np.bool_], to_lamp: Array, p: float) -> 
     weight = np.where(usable, 1.0 / (p * values ** (p - 1.0) * np.hypot(RELATIVE * values, FLOOR)), 0.0)
     robust, scaled, g = np.ones_like(values), np.zeros_like(values), np.zeros((values.shape[1], 3))
     for _ in range(ROUNDS):
-        w2 = (weight * robust) ** 2
-        normal = np.einsum("kp,kpi,kpj->pij", w2, to_lamp, to_lamp, optimize=True)
-        normal += 1e-9 * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(3) + 1e-30 * np.eye(3)
-        right = np.einsum("kp,kpi->pi", w2 * power, to_lamp)
-        g = np.linalg.solve(normal, right[..., None])[..., 0]
-        predicted = np.maximum(np.einsum("kpi,pi->kp", to_lamp, g), 0.0) ** (1.0 / p)
+        g, light = _lambert((weight * robust) ** 2, power, to_lamp)
+        predicted = np.maximum(light, 0.0) ** (1.0 / p)
         scaled = np.where(usable, np.abs(values - predicted) / np.hypot(RELATIVE * values, FLOOR), 0.0)
-        robust = np.sqrt(np.minimum(1.0, OUTLIER / np.maximum(scaled, 1e-12)))
+        robust = np.sqrt(ROBUST.weight(scaled))
     return scaled, g
+
+
+def _lambert(squares: Array, light: Array, to_lamp: Array) -> tuple[Array, Array]:
+    """g (P, 3) with which Lambert's law explains `light` (K, P) best, weighted by `squares`, and its light (K, P)."""
+    normal = np.einsum("kp,kpi,kpj->pij", squares, to_lamp, to_lamp, optimize=True)
+    normal += 1e-9 * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(3) + 1e-30 * np.eye(3)
+    right = np.einsum("kp,kpi->pi", squares * light, to_lamp)
+    g = np.linalg.solve(normal, right[..., None])[..., 0]
+    return g, np.einsum("kpi,pi->kp", to_lamp, g)
 
 
 def _least(curve: Array) -> float:

@@ -112,16 +112,17 @@ def _lit(shading: ShadingSample, capture: Capture) -> JudgedLamps:
     if not linear.uneven and stated is not None and stated.finding == "linear":
         return JudgedLamps(shading, linear, stated)
     few = shading.few()
+    flat = few.relief < FLAT
     matte, bent = few.without_gloss(), fitted_lamps(shading, POWERS)
     if bent.power != 1.0 and min(bent.misfit) < CLEARLY * min(few.misfit(), matte.misfit()):
-        if bent.uneven and few.relief < FLAT:
+        if bent.uneven and flat:
             return JudgedLamps(shading, None, None, CONFOUNDED)
         exponent = linearity_of(with_strengths(capture, bent)) if bent.uneven else stated
         if exponent is not None and exponent.contradicted:
             return JudgedLamps(shading, bent, exponent)
     if matte is not few:
         return JudgedLamps(matte, fitted_lamps(matte, (1.0,)), exponent_of(matte.lit, matte.to_lamp, matte.to_eye))
-    if linear.uneven and few.relief < FLAT:
+    if linear.uneven and flat:
         return JudgedLamps(shading, linear, None, CONFOUNDED)
     return JudgedLamps(shading, linear, linearity_of(with_strengths(capture, linear)) if linear.uneven else stated)
 

@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from hagoromo.measurement.health.health import Check, doubtful, good
-from hagoromo.measurement.health.shading import Array, ShadingSample, loss
-from hagoromo.photograph.exponent import FLOOR, OUTLIER, RELATIVE
+from hagoromo.measurement.health.shading import Array, ShadingSample
+from hagoromo.photograph.exponent import FLOOR, RELATIVE, ROBUST, loss
 
 ROUNDS = 4  # of the robust fit of a lamp
 POWERS = (1.0, 2.2, 1.0 / 2.2)  # of linear values, of display values, and of linear ones that were decoded
@@ -114,7 +114,7 @@ def _lamp(values: Array, usable: Array, g: Array) -> Array:
         squares += (1e-9 * np.trace(squares) + 1e-300) * np.eye(3)
         lamp = np.linalg.solve(squares, (g * w[:, None]).T @ (values * w))
         off = np.abs(values - g @ lamp) * weight
-        robust = np.sqrt(np.minimum(1.0, OUTLIER / np.maximum(off, 1e-12)))
+        robust = np.sqrt(ROBUST.weight(off))
     return lamp
 
 

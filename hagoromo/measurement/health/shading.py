@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from hagoromo.measurement.photograph_checks import lamp_light, unfit
 from hagoromo.measurement.surface.tile_store import means
 from hagoromo.photograph.capture import Capture
-from hagoromo.photograph.exponent import DARK, huber, lambert_fit, without_gloss
+from hagoromo.photograph.exponent import DARK, lambert_fit, loss, without_gloss
 
 MOST_SQUARES = 1600  # of the sample
 FEWEST_SQUARES = 60
@@ -83,11 +83,6 @@ class ShadingSample:
     def misfit(self, to_lamp: Array | None = None) -> float:
         """Mean of Huber's loss of the residuals."""
         return loss(self.fit(to_lamp)[0], self.usable)
-
-
-def loss(residual: Array, usable: NDArray[np.bool_]) -> float:
-    """Mean of Huber's loss."""
-    return float(huber(residual)[usable].mean()) if usable.any() else 0.0
 
 
 def shading_of(capture: Capture) -> ShadingSample | str:
