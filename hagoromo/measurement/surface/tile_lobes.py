@@ -23,8 +23,9 @@ from hagoromo.measurement.normals.lobe_fit import (
     with_bodies,
 )
 from hagoromo.measurement.normals.lobe_samples import trust_of
+from hagoromo.measurement.normals.photometric_model import Fit
 from hagoromo.measurement.normals.smooth_normals import TILE
-from hagoromo.measurement.normals.views import Array, Stack
+from hagoromo.measurement.normals.views import Array, Stack, Views
 from hagoromo.measurement.surface.smooth_tiles import smooth_squares, square_of, with_stiffness
 from hagoromo.measurement.surface.tile_pixels import (
     Coarse,
@@ -56,7 +57,9 @@ def with_lobes_of_tiles(store: TileStore, coarse: Coarse, seed: int = 0) -> Coar
     pixels = None if squares is None else with_one_lobe(store, coarse, *squares)
     if squares is None or pixels is None:
         return coarse
-    chosen = np.flatnonzero(random.random(len(pixels.views.rows)) < _chance(store, coarse, pixels))
+    chosen = np.flatnonzero(
+        random.random(len(pixels.views.rows)) < _chances(pixels.fit, pixels.views, most_pixels(len(store.lamps)))
+    )
     some = _some(smooth_squares(pixels, coarse.stiffness), chosen)
     each = find_lobes(some.views, some.fit, some.place, some.trust, seed)
     if not any(each):
@@ -77,7 +80,8 @@ def _having(coarse: Coarse, each: Sequence[FoundLobes | None]) -> Coarse:
 
 def sampled(store: TileStore, coarse: Coarse, random: np.random.Generator) -> TilePixels | None:
     """Pixels of full size, `most_pixels` of each material or fewer: as many in each of the strata of the half angle."""
-    chance = _chances(coarse, most_pixels(len(store.lamps)), float(store.factor) ** 2)
+    wanted, of_each = most_pixels(len(store.lamps)), float(store.factor) ** 2
+    chance = _chances(coarse.normal_map.fit, coarse.normal_map.views, wanted, of_each)
     parts = []
     for tile in range(store.count):
         stack, rows, columns = store.stack(tile)
@@ -90,7 +94,7 @@ def _squares(store: TileStore, coarse: Coarse, random: np.random.Generator) -> P
     """Whole squares of pixels, with more of them near highlights; None where there are none."""
     wanted, of_each = OF_SQUARES * most_pixels(len(store.lamps)), float(store.factor) ** 2
     wanted *= len(coarse.normal_map.fit.gloss.rows)
-    chance = _chances(coarse, wanted, of_each)
+    chance = _chances(coarse.normal_map.fit, coarse.normal_map.views, wanted, of_each)
     squares = max(wanted / TILE**2, 1.0) / (of_each * chance.sum())  # expected number for each unit of chance
     if wanted >= of_each * len(chance):
         squares = np.inf
@@ -106,28 +110,14 @@ def _squares(store: TileStore, coarse: Coarse, random: np.random.Generator) -> P
     return pixels if pixels is not None and len(pixels[1][0]) else None
 
 
-def _chances(coarse: Coarse, wanted: float, of_each: float) -> Array:
-    """(N,) chance of a pixel of full size within each coarse one, `of_each` in it: `wanted` of each material in all,
-    as many in each of the strata of the half angle.
+def _chances(fit: Fit, views: Views, wanted: float, of_each: float = 1.0) -> Array:
+    """(N,) chance of a pixel of full size within each of the pixels of `fit`, `of_each` in it: `wanted` of each
+    material in all, as many in each of the strata of the half angle.
     """
-    fit, views = coarse.normal_map.fit, coarse.normal_map.views
-    stratum = _stratum(np.degrees(angles(fit.normals, views).min(axis=0)), fit.labels)
+    nearest = np.degrees(angles(fit.normals, views).min(axis=0))
+    stratum = len(STRATA) * fit.labels + np.digitize(nearest, STRATA) - 1
     numbers = np.bincount(stratum, minlength=len(STRATA) * len(fit.gloss.rows)) * of_each
     return np.minimum(wanted / len(STRATA) / np.maximum(numbers, 1.0), 1.0)[stratum]
-
-
-def _chance(store: TileStore, coarse: Coarse, pixels: TilePixels) -> Array:
-    """(P,) as `_chances`, among `pixels` alone."""
-    fit, views = pixels.fit, pixels.views
-    stratum = _stratum(np.degrees(angles(fit.normals, views).min(axis=0)), fit.labels)
-    numbers = np.bincount(stratum, minlength=len(STRATA) * len(fit.gloss.rows))
-    wanted = most_pixels(len(store.lamps)) / len(STRATA)
-    return np.minimum(wanted / np.maximum(numbers, 1.0), 1.0)[stratum]
-
-
-def _stratum(nearest: Array, labels: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Number of the stratum of pixels whose nearest half angle is `nearest` [°], of a material of `labels`."""
-    return len(STRATA) * labels + np.digitize(nearest, STRATA) - 1
 
 
 def _some(pixels: TilePixels, chosen: NDArray[np.intp]) -> TilePixels:
