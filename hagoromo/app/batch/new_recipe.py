@@ -19,6 +19,7 @@ from hagoromo.files.whole import replaceable_file, whole_file
 from hagoromo.photograph.capture import TRANSFORMS
 from hagoromo.photograph.photograph_folder import (
     JPEGS,
+    LAMPS,
     as_counted,
     files_in,
     lamp_lists_among,
@@ -30,9 +31,8 @@ from hagoromo.photograph.photograph_folder import (
 RECIPE = "batch.toml"
 FEWEST = 4  # photographs under one lamp each that a shape needs
 
-OF_BALL = "lamps.json"  # what `calibrate lamps` writes
 BALL = "taken for photographs of a chrome ball"
-CALIBRATE = ": hagoromo calibrate lamps {name}/* --mask auto --out lamps.json, here, gives the objects its lamps"
+CALIBRATE = ": hagoromo calibrate lamps {name}/* --mask auto --out " + LAMPS + ", here, gives the objects its lamps"
 HEAD = """\
 # What is done with each of {count}. In the folder of this file,
 #
@@ -137,7 +137,7 @@ def shelf_of(folder: Path) -> Shelf:
 
 def _without_balls(objects: dict[ObjectSteps, list[str]], left_out: dict[str, str]) -> None:
     """Leave out photographs of a chrome ball by itself, by the name of their folder, where objects lack lamps."""
-    for steps in [one for one in objects if not one.captured and one.lamps in ("", OF_BALL)]:
+    for steps in [one for one in objects if not one.captured and one.lamps in ("", LAMPS)]:
         balls = [name for name in objects[steps] if "ball" in name.lower()]
         others = [name for name in objects[steps] if name not in balls]
         if balls and others:

@@ -95,8 +95,8 @@ def leverage(lamps: Array, to_lamp: Array) -> float:
 
 
 def own_leverages(lamps: Array) -> Array:
-    """(K,) H of each of the directions `lamps` (K, 3), of sum 3."""
-    return np.einsum("ki,ij,kj->k", lamps, np.linalg.pinv(lamps.T @ lamps), lamps)
+    """(K,) H of each of the directions `lamps` (K, 3), unit, of sum 3."""
+    return np.array([leverage(lamps, one) for one in lamps])
 
 
 def forecast_of(lamps: Array, missed: Sequence[Missed], noise: tuple[float, float] = (0.0, 0.0)) -> Forecast:
