@@ -23,6 +23,7 @@ from hagoromo.light.spectrum import Spectrum
 from hagoromo.measurement.measurement import Measurement
 from hagoromo.measurement.scale import has_scale
 from hagoromo.measurement.squares import square_means
+from hagoromo.reflectance.torrance_sparrow import normal_fresnel
 
 Array = NDArray[np.float64]
 LONGEST_PX = 1600  # of a side of the maps that are compared: larger ones are averaged over squares of pixels
@@ -160,7 +161,7 @@ def _gloss(measurement: Measurement, labels: NDArray[np.integer]) -> tuple[Array
     usable = [one.beta > 0.0 and one.identifiable.get("gamma", False) for one in measurement.materials]
     if not any(usable):
         return None, None, np.full(2, np.nan)
-    facing = [((one.n - 1.0) / (one.n + 1.0)) ** 2 for one in measurement.materials]
+    facing = [normal_fresnel(one.n) for one in measurement.materials]
     rows = [
         [np.log(one.beta * f0), np.log(one.gamma)] if good else [np.nan, np.nan]
         for one, f0, good in zip(measurement.materials, facing, usable, strict=True)

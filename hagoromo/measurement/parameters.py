@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from hagoromo.errors import InputError
 from hagoromo.reflectance.facets import GAUSSIAN
 from hagoromo.reflectance.parameters import ROWS
+from hagoromo.reflectance.torrance_sparrow import normal_fresnel
 
 Array = NDArray[np.float64]
 
@@ -66,7 +67,7 @@ def pack_theta(
     c = len(alpha_body)
     relative = np.ones(c) if colour is None else np.asarray(colour, np.float64)
     log_colour = np.log(np.maximum(relative, DARKEST_COLOUR * relative.mean()))
-    strength = beta * ((n - 1.0) / (n + 1.0)) ** 2 * math.exp(log_colour.mean())
+    strength = beta * normal_fresnel(n) * math.exp(log_colour.mean())
     tail, width, index = ROWS["nu"].fit.of(nu), ROWS["gamma"].fit.of(gamma), ROWS["n"].fit.of(n)
     return np.array([*alpha_body, *(log_colour @ contrasts(c)), tail, strength, width, index])
 

@@ -81,11 +81,16 @@ def squared_angle_of(sine_squared: Float, cosine: Float) -> Float:
 
 
 def fresnel(cos_deviation: Float, n: Float) -> Float:
-    """Unpolarised Fresnel reflectance of a dielectric with refractive index `n`; ((n−1)/(n+1))² at normal incidence."""
+    """Unpolarised Fresnel reflectance of a dielectric with refractive index `n`, see `normal_fresnel`."""
     c = cos_deviation
     g = dr.sqrt(n * n + c * c - 1.0)
     # Tanaka eq. (5), with the c² that is misprinted as c
     return 0.5 * dr.square((g - c) / (g + c)) * (1.0 + dr.square((c * (g + c) - 1.0) / (c * (g - c) + 1.0)))
+
+
+def normal_fresnel(n: Float) -> Float:
+    """F₀ = ((n − 1)/(n + 1))²: Fresnel's reflectance along the normal. n: a number or any array."""
+    return ((n - 1.0) / (n + 1.0)) ** 2
 
 
 def masking(at: Cosines) -> Float:

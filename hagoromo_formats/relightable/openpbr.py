@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
+from hagoromo.reflectance.torrance_sparrow import normal_fresnel
 from hagoromo_formats.relightable.measured_brdf import CHANNELS, FAINT, measured_brdf
 from hagoromo_formats.relightable.mesh import roughness
 from hagoromo_page.publication.lit import three_channels
@@ -77,7 +78,7 @@ class OpenPbr:
 
     def _index(self) -> float:
         """The index with `specular_weight` times the reflectance along the normal."""
-        root = np.sqrt(min(self.specular_weight * _normal_reflectance(self.specular_ior), LARGEST_F0))
+        root = np.sqrt(min(self.specular_weight * normal_fresnel(self.specular_ior), LARGEST_F0))
         return float((1.0 + root) / (1.0 - root))
 
     def _eon(self, pairs: EyeDirections) -> Array:
@@ -145,10 +146,6 @@ def directions(angle: float) -> EyeDirections:
 def _fresnel(c: Array, n: float) -> Array:
     g = np.sqrt(n**2 + c**2 - 1.0)
     return 0.5 * ((g - c) / (g + c)) ** 2 * (1.0 + ((c * (g + c) - 1.0) / (c * (g - c) + 1.0)) ** 2)
-
-
-def _normal_reflectance(n: float) -> float:
-    return ((n - 1.0) / (n + 1.0)) ** 2
 
 
 def _single(r: float) -> tuple[float, float]:

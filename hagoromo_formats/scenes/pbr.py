@@ -25,6 +25,7 @@ from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.facets import HALF_OF_GGX, TAILS_OF_GGX
 from hagoromo.reflectance.parameters import lost
 from hagoromo.reflectance.reflectance import LARGEST_BETA
+from hagoromo.reflectance.torrance_sparrow import normal_fresnel
 from hagoromo_formats.mitsuba.bsdfs import CONDUCTOR_N, Converter, largest_beta
 
 WIDEST = 1.5  # rad, of a tangent
@@ -73,11 +74,6 @@ class PbrMaterial(NamedTuple):
 def roughness_of(gamma: ArrayLike) -> Array:
     """Roughness 0…1 of half widths γ [rad] of facets; wider ones than GGX has are 1."""
     return np.sqrt(np.minimum(np.tan(np.minimum(np.asarray(gamma, np.float64), WIDEST)) / HALF_OF_GGX, 1.0))
-
-
-def normal_fresnel(n: float) -> float:
-    """F0: Fresnel's reflectance along the normal."""
-    return ((n - 1.0) / (n + 1.0)) ** 2
 
 
 def pbr_of(surface: Surface, on_uvs: bool = True) -> PbrMaterial:

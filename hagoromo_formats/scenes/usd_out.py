@@ -25,8 +25,9 @@ from hagoromo.image.surface import Surface
 from hagoromo.image.tiled_image import Tiles, tiles_of
 from hagoromo.light.colour import srgb_encode
 from hagoromo.light.other_programs import InOtherPrograms
+from hagoromo.reflectance.torrance_sparrow import normal_fresnel
 from hagoromo_formats.scenes.gltf_scene import triangles_of
-from hagoromo_formats.scenes.pbr import PbrMaterial, linear, lost_gloss, normal_fresnel
+from hagoromo_formats.scenes.pbr import PbrMaterial, linear, lost_gloss
 from hagoromo_formats.scenes.pbr_textures import look_of, lost_textures, uvs_of
 from hagoromo_formats.scenes.relief_normals import relief_normals
 from hagoromo_formats.scenes.usd_motion import rest

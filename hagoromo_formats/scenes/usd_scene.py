@@ -30,9 +30,10 @@ from hagoromo.image.surface import RELIEFS, TEXTURES
 from hagoromo.light.colour import linear_colour, srgb_encode
 from hagoromo.light.environment import upsampled
 from hagoromo.light.spectrum import Spectrum
+from hagoromo.reflectance.torrance_sparrow import normal_fresnel
 from hagoromo_formats.mitsuba.bsdfs import Converter
 from hagoromo_formats.mitsuba.read import LARGEST_MAP, angles_of
-from hagoromo_formats.scenes.pbr import PbrMaterial, normal_fresnel, rgb, surface_of
+from hagoromo_formats.scenes.pbr import PbrMaterial, rgb, surface_of
 from hagoromo_formats.scenes.pbr_textures import gloss_of_colours
 from hagoromo_formats.scenes.usd_motion import Placed, camera_keys, motion_table, placed
 from hagoromo_formats.scenes.usd_parts import NORMAL, UsdMesh, UsdParts, read_usd

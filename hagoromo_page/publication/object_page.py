@@ -20,6 +20,7 @@ from hagoromo.measurement.photographed import Photographed
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
 from hagoromo.reflectance.parameters import EVIDENCE, FITTED_BODY_LAW, losses
+from hagoromo.reflectance.torrance_sparrow import normal_fresnel
 from hagoromo_page.publication.closely import BENT_STOPS, OPEN_STOPS, CloseLook
 from hagoromo_page.publication.colours import PageColours, page_colours
 from hagoromo_page.publication.document import Viewer, overhead
@@ -316,7 +317,7 @@ def page_views(
         note = _of_each(each if maps.gamma is None else [], grey)
         low, high = (f"{math.degrees(one):.2g}°" for one in legend["gamma"])
         views.append(_scaled("Gloss: width", 3, low, f"half width of the highlight γ{which}", high) | of_gloss | note)
-        each = [f"{one.name} {one.beta * _facing(one):.2g}" for one in measured]
+        each = [f"{one.name} {one.beta * normal_fresnel(one.n):.2g}" for one in measured]
         note = _of_each(each if maps.beta is None else [], grey)
         low, high = (f"{one:.2g}" for one in legend["peak"])
         views.append(
@@ -365,15 +366,10 @@ def _of_each(values: Sequence[str], grey: str) -> dict[str, str]:
 
 def _peaks(maps: SurfaceMaps, scales: dict[str, Any]) -> list[float]:
     """Range of β F₀ [1/sr] over the object."""
-    facing = [_facing(one) for one in maps.materials]
+    facing = [normal_fresnel(one.n) for one in maps.materials]
     if "beta" in scales:
         return _widened([scales["beta"][0] * min(facing), scales["beta"][1] * max(facing)])
     return _widened(_span([m.beta * f for m, f in zip(maps.materials, facing, strict=True) if m.beta > 0.0]))
-
-
-def _facing(material: MaterialEstimate) -> float:
-    """F₀, the Fresnel reflectance along the normal."""
-    return ((material.n - 1.0) / (material.n + 1.0)) ** 2
 
 
 def _span(values: Sequence[float]) -> list[float]:

@@ -27,6 +27,7 @@ from hagoromo.measurement.sight import Array
 from hagoromo.photograph.capture import Capture
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
 from hagoromo.reflectance.parameters import OF_LOBES, ROWS
+from hagoromo.reflectance.torrance_sparrow import normal_fresnel
 
 Channel = NDArray[np.floating]
 GLOSS_CHANNELS = (*OF_LOBES, *(f"error.{key}" for key in OF_LOBES))  # channels of gloss.exr
@@ -130,7 +131,7 @@ def _spread(
         return None
     region = known_shape(capture) & interior(labels, number)
     samples = observe(capture, region, white, SEED)
-    facing = ((material.n - 1.0) / (material.n + 1.0)) ** 2
+    facing = normal_fresnel(material.n)
     start = np.log([material.beta * facing, material.gamma])
     spread = gloss_spread(samples, start, material.n, not material.identifiable["n"], LobeShape.of(material))
     if spread is None or not spread.varies:

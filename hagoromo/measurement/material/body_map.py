@@ -29,6 +29,7 @@ from hagoromo.measurement.sight import Array, Sight, sight_of
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.reflectance.material.material_estimate import MaterialEstimate
+from hagoromo.reflectance.torrance_sparrow import normal_fresnel
 
 PASSES = 3  # of re-weighting: shadows and dust lose their weight in two
 MODEL_ERROR = 0.01  # relative, of the model, beside the noise
@@ -154,7 +155,7 @@ def _own(capture: Capture, pixels: Pixels, material: MaterialEstimate, white: Ar
 
 def _own_interface(sight: Sight, material: MaterialEstimate, gloss: GlossMap, index: tuple[NDArray, NDArray]) -> Array:
     """(N, C) interface of pixels `index` with their own gloss; their further lobes are as much stronger and wider."""
-    facing, shape = ((material.n - 1.0) / (material.n + 1.0)) ** 2, LobeShape.of(material)
+    facing, shape = normal_fresnel(material.n), LobeShape.of(material)
     beta, gamma = gloss.beta[index], gloss.gamma[index]
     if gloss.nu is not None:
         shape = replace(shape, nu=gloss.nu[index])

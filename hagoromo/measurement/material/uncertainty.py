@@ -38,6 +38,7 @@ from hagoromo.measurement.parameters import (
 )
 from hagoromo.measurement.sight import Array
 from hagoromo.reflectance.parameters import STATED
+from hagoromo.reflectance.torrance_sparrow import normal_fresnel
 
 RELATIVE_LIMIT = 0.25  # largest relative standard error of an identifiable parameter
 ADMISSIBLE_N = (N_RANGE[0] - 1.0, N_RANGE[1] - 1.0)  # of n − 1
@@ -202,7 +203,7 @@ def values_at(theta: Array) -> dict[str, Any]:
         "n": n,
         "nu": nu,
         "interface_colour": tuple(colour.tolist()),
-        "specular_albedo": beta * ((n - 1.0) / (n + 1.0)) ** 2 * float(albedo_per_strength(theta[None])[0][0]),
+        "specular_albedo": beta * normal_fresnel(n) * float(albedo_per_strength(theta[None])[0][0]),
     }
 
 
