@@ -61,8 +61,8 @@ class MarchState:
     begins: list[Float]
     ends: list[Float]
     rays: list[Ray]  # one per slot; empty where there is a slot for every box
-    entered: Float  # distance at which the ray entered `box` [m]
-    box: UInt  # number of the box entered last
+    entered: Float | None  # distance at which the ray entered `box` [m]; None where there is a slot for every box
+    box: UInt | None  # number of the box entered last
 
 
 @dataclass
@@ -97,7 +97,7 @@ class Crossing:
         count = dr.width(self.direction, self.origin)
         slots = min(self.frames.slots, self.frames.count)
         begins, ends = ([dr.zeros(jit.Float, count) for _ in range(slots)] for _ in range(2))
-        state = MarchState(begins, ends, [], jit.Float(0), jit.UInt(0))
+        state = MarchState(begins, ends, [], None, None)
         if self.exchanged:
             state.entered, state.box = dr.full(jit.Float, -dr.inf, count), dr.zeros(jit.UInt, count)
             nothing = self.ray(dr.zeros(jit.UInt, count))

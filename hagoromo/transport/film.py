@@ -13,7 +13,7 @@ import drjit as dr
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.backend import Array3f, Float, UInt, arrays
+from hagoromo.backend import Array3f, Float, UInt, arrays, recorded_once
 from hagoromo.camera.camera import Camera
 from hagoromo.files.memory import require
 from hagoromo.progress import Progress, silent
@@ -69,7 +69,8 @@ class Film:
             column, row = tile_place(number, width)
             x, y = (jit.Float(column) + dx) * stride, (jit.Float(row) + dy) * stride
             lens = self._lens(row * width + column) if self.camera.aperture > 0.0 else None
-            channels, alpha = radiance(*self.camera.rays(x, y, self.ahead, lens), phase)
+            with recorded_once():
+                channels, alpha = radiance(*self.camera.rays(x, y, self.ahead, lens), phase)
             inside = (column < width) & (row < height)
             # one packet: scatters of one value each would march once a value
             # chosen in the kernel, so that a part needs no other kernel than the whole

@@ -146,12 +146,15 @@ def march(
     deepest = last_depth(medium)
     # Dr.Jit does not differentiate loops within loops
     together = not (medium.differentiable or lighting.tracked or dr.grad_enabled(origin, direction))
-    while crossing.unfinished(state) & (depth < deepest):
+    while dr.hint(crossing.unfinished(state) & (depth < deepest), exclude=[deepest]):
         step = medium.next(crossing, state)
         interval = in_slot(intervals, step.slot)
         depth = depth_at(crossing, state, intervals, step)
         if dr.hint(together, mode="scalar"):  # all lanes of a packet go on to matter, so that none waits for others
-            while (interval.depth <= medium.negligible) & crossing.unfinished(state) & (depth < deepest):
+            while dr.hint(
+                (interval.depth <= medium.negligible) & crossing.unfinished(state) & (depth < deepest),
+                exclude=[deepest],
+            ):
                 step, intervals, state = onward(medium, crossing, direction, state, intervals, samples, step, depth)
                 step = medium.next(crossing, state)
                 interval = in_slot(intervals, step.slot)
@@ -330,7 +333,7 @@ def optical_depth(
     crossing = medium.cross(origin, direction, near, far)
     state = crossing.start()
     depth = dr.zeros(arrays().Float, dr.width(direction))
-    while crossing.unfinished(state) & (depth < deepest):
+    while dr.hint(crossing.unfinished(state) & (depth < deepest), exclude=[deepest]):
         step = medium.next(crossing, state)
         step = medium.extinction(step, direction)
         depth += step.depth

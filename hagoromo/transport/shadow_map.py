@@ -14,14 +14,14 @@ from dataclasses import dataclass
 import drjit as dr
 import numpy as np
 
-from hagoromo.backend import Array3f, Float, UInt, arrays, check_entries, clip
+from hagoromo.backend import Array3f, Float, UInt, arrays, check_entries, clip, recorded_once
 from hagoromo.files.memory import require
 from hagoromo.light.lamp import Lamp
 from hagoromo.transport.crossing import Cone, MarchInterval
 from hagoromo.transport.film import TILE, tile_place
 from hagoromo.transport.intervals import depth_at, in_slot, nothing_open, opened, put
 from hagoromo.transport.lamp_view import view_from
-from hagoromo.transport.medium import Medium
+from hagoromo.transport.medium import Limit, Medium
 from hagoromo.transport.textures import HIDDEN_OPTICAL_DEPTH
 
 GROUPS = 5
@@ -49,7 +49,6 @@ class Fan:
     low: Float  # least slope of the lines [1/m]
     high: Float  # and the largest
     spare: Float  # error of the optical depth that is allowed
-    tolerance: Float  # error of the transmittance from which `spare` comes
     rises: Float  # ∫ x y dx over the points (x, y) as seen from the knot
     runs: Float  # ∫ x² dx: the best slope is rises / runs
 
@@ -59,10 +58,15 @@ class Fan:
         rise = depth - self.depth
         return dr.fmax((rise - self.spare) * inverse, self.low), dr.fmin((rise + self.spare) * inverse, self.high)
 
-    def parts(self, step: MarchInterval) -> Float:
+    def parts(self, tolerance: Float) -> Limit:
         """Parts of a step whose optical depth is near enough to a straight line each."""
-        bend = 0.25 * step.depth * dr.abs(step.growth)
-        return dr.ceil(dr.fmin(dr.sqrt(bend / (self.tolerance * dr.exp(self.depth))), MOST_PARTS))
+        allowed = tolerance * dr.exp(self.depth)
+
+        def parts(step: MarchInterval) -> Float:
+            bend = 0.25 * step.depth * dr.abs(step.growth)
+            return dr.ceil(dr.fmin(dr.sqrt(bend / allowed), MOST_PARTS))
+
+        return parts
 
     def depth_at(self, distance: Float) -> Float:
         """Optical depth at `distance` [m] on the line of least squares through the points."""
@@ -87,7 +91,8 @@ class ShadowMaps:
         lamp, lane = lane // each, lane % each
         column, row = tile_place(lane, self.size)
         a, b = ((jit.Float(place) + 0.5) / jit.Float(self.size) for place in (column, row))
-        writer = KnotWriter(self.words, lamp * each + row * self.size + column, *self.views[0].ticks())
+        tolerance = KNOT_TOLERANCE * dr.sqrt(dr.sqrt(medium.tolerance))  # finer ones would use up the knots
+        writer = KnotWriter(self.words, lamp * each + row * self.size + column, self.views[0].ticks(), tolerance)
         origin, direction = self.views[0].ray(a, b)
         cone = self.views[0].cone(self.size)
         for number, view in enumerate(self.views[1:], 1):
@@ -99,7 +104,8 @@ class ShadowMaps:
                 dr.select(here, n, o) for n, o in zip(view.ticks(), (writer.near, writer.scale), strict=True)
             )
             cone = tuple(dr.select(here, n, o) for n, o in zip(view.cone(self.size), cone, strict=True))
-        write_knots(medium, origin, direction, writer, cone)
+        with recorded_once():
+            write_knots(medium, origin, direction, writer, cone)
         dr.eval(self.words)
 
     def transmittance(self, lamp: int, point: Array3f) -> tuple[Float, Float]:
@@ -147,8 +153,9 @@ class ShadowMaps:
 class KnotWriter:
     """Writes the knots of rays into the map. A plain object, so that loops do not take the map into their state."""
 
-    def __init__(self, words: UInt, ray: UInt, near: Float, scale: Float) -> None:
-        self.words, self.ray, self.near, self.scale = words, ray, near, scale
+    def __init__(self, words: UInt, ray: UInt, ticks: tuple[Float, Float], tolerance: Float) -> None:
+        """`ticks`: see `LampView`; `tolerance`: error of the transmittance between knots."""
+        self.words, self.ray, (self.near, self.scale), self.tolerance = words, ray, ticks, tolerance
 
     def write(self, knot: UInt, distance: Float, depth: Float) -> None:
         """Write knot number `knot` of every ray."""
@@ -171,10 +178,7 @@ def write_knots(medium: Medium, origin: Array3f, direction: Array3f, writer: Kno
     state = crossing.start()
     nothing = dr.zeros(jit.Float, count)
     depth, covered = nothing, nothing - 1.0  # optical depth so far, and end of the last matter [m]
-    tolerance = KNOT_TOLERANCE * dr.sqrt(dr.sqrt(medium.tolerance))  # finer ones would use up the knots
-    fan = Fan(
-        dr.zeros(jit.UInt, count), nothing, nothing, nothing, nothing + dr.inf, nothing, tolerance, nothing, nothing
-    )
+    fan = Fan(dr.zeros(jit.UInt, count), nothing, nothing, nothing, nothing + dr.inf, nothing, nothing, nothing)
     intervals = [nothing_open(count) for _ in state.ends]
     while crossing.unfinished(state) & (depth < HIDDEN_OPTICAL_DEPTH):
         step = medium.next(crossing, state)
@@ -190,17 +194,17 @@ def write_knots(medium: Medium, origin: Array3f, direction: Array3f, writer: Kno
                 if far_side | (covered < 0.0):
                     number = dr.select(far_side, fan.knots + 1, fan.knots)
                     writer.write(number, begin, before)
-                    fan = fan_from(number + 1, begin, before, tolerance)
+                    fan = fan_from(number + 1, begin, before, writer.tolerance)
             low, high = fan.narrowed(end, depth)
             if low > high:  # no line passes all points: the knot is where the last one did
                 knot = fan.depth_at(covered)
                 writer.write(fan.knots, covered, knot)
-                fan = fan_from(fan.knots + 1, covered, knot, tolerance)
+                fan = fan_from(fan.knots + 1, covered, knot, writer.tolerance)
                 low, high = fan.narrowed(end, depth)
             x, y = dr.fma(0.5, end + begin, -fan.at), dr.fma(0.5, before + depth, -fan.depth)
             fan.rises, fan.runs = dr.fma(x * y, end - begin, fan.rises), dr.fma(x * x, end - begin, fan.runs)
             fan.low, fan.high, covered = low, high, end
-        step = medium.extinction(step, direction, fan.parts)
+        step = medium.extinction(step, direction, fan.parts(writer.tolerance))
         intervals = put(intervals, step.slot, opened(step, interval, depth))
         state = crossing.open(step, state, step.begin)
         state = crossing.enter_next_box(state)
@@ -214,4 +218,4 @@ def fan_from(knots: UInt, at: Float, depth: Float, tolerance: Float) -> Fan:
     jit = arrays()
     many = jit.Float(1 << (dr.maximum(knots, STRICT_KNOTS) - STRICT_KNOTS))
     spare = dr.select(knots < KNOTS - 1, dr.fmin(tolerance * many * dr.exp(depth), LARGEST_KNOT_ERROR), dr.inf)
-    return Fan(knots, at, depth, jit.Float(0), jit.Float(dr.inf), spare, tolerance, jit.Float(0), jit.Float(0))
+    return Fan(knots, at, depth, jit.Float(0), jit.Float(dr.inf), spare, jit.Float(0), jit.Float(0))
