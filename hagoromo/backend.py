@@ -24,6 +24,7 @@ Int: TypeAlias = Any  # 32 bits
 Int64: TypeAlias = Any
 UInt: TypeAlias = Any  # 32 bits
 Array3f: TypeAlias = Any  # vector or point: x, y, z
+Array3u: TypeAlias = Any
 Array4f: TypeAlias = Any
 Array4u: TypeAlias = Any
 

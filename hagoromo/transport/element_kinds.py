@@ -11,6 +11,8 @@ from hagoromo.backend import Bool, UInt, arrays, lookup
 from hagoromo.reflectance.element import ELEMENTS
 from hagoromo.volume.box import VolumeBox
 
+BITS = 2  # of an element: its place in ELEMENTS
+
 
 class Kinds:
     """Elements of the materials of all boxes: a tangent, of a cylinder, may have either sign; a normal may not."""
@@ -21,10 +23,16 @@ class Kinds:
         self.tangents = "cylinder" in distinct
         self.mixed = any(len(set(each)) > 1 for each, box in zip(elements, boxes, strict=True) if not box.texel)
         self._only = distinct == {"cylinder"}
-        self._row = lookup(arrays().UInt8, np.array([ELEMENTS.index(e) for each in elements for e in each], np.uint8))
+        row = [ELEMENTS.index(e) for each in elements for e in each]
+        self.count, self._row = len(row), lookup(arrays().UInt8, np.array(row, np.uint8))
+        # few of them are read from the bits of one number
+        bits = sum(e << BITS * k for k, e in enumerate(row)) if len(row) <= 32 // BITS else None
+        self._bits = None if bits is None else dr.opaque(arrays().UInt, bits)
 
     def of(self, material: UInt) -> UInt:
         """The element of a material, numbered in the row of all boxes' materials: its place in ELEMENTS."""
+        if self._bits is not None:
+            return (self._bits >> (BITS * material)) & (2**BITS - 1)
         return arrays().UInt(dr.gather(arrays().UInt8, self._row, material))
 
     def tangent(self, material: UInt) -> Bool | None:
@@ -35,4 +43,4 @@ class Kinds:
 
     def population(self, first: UInt, k: int) -> Bool | None:
         """As `tangent`, of population k of a texel whose materials are numbered from `first` on."""
-        return self.tangent(dr.minimum(first + k, dr.opaque(arrays().UInt, dr.width(self._row) - 1)))
+        return self.tangent(dr.minimum(first + k, dr.opaque(arrays().UInt, self.count - 1)))

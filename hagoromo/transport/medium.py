@@ -40,6 +40,7 @@ from hagoromo.volume.table import BLOCK, BRICKS
 from hagoromo.volume.voxels import (
     BRICK,
     CORNERS,
+    InCell,
     PackedVoxels,
     Voxels,
     corner,
@@ -208,7 +209,13 @@ class Medium:
 
     def sample(self, step: MarchInterval, distance: Float) -> MarchInterval:
         """The step with its place at a distance from the entry of the ray [m], within its cell; in a texel as it is."""
-        cell, place = dr.floor(step.place), step.ray.at(distance)
+        place = step.ray.at(distance)
+        if not (self.textures or self.differentiable):
+            cell = InCell.of(step.place).cell
+            part = place - arrays().Array3f(cell)
+            part = type(part)(*(clip(part[k], 0.0, LAST_IN_CELL) for k in range(3)))
+            return replace(step, place=InCell(cell, part))
+        cell = dr.floor(step.place)
         place = type(place)(*(clip(place[k], cell[k], cell[k] + LAST_IN_CELL) for k in range(3)))
         if textures := self.textures:
             place = dr.select(textures.textured(step.ray.box), step.place, place)

@@ -17,7 +17,7 @@ from typing import Protocol
 import drjit as dr
 import numpy as np
 
-from hagoromo.backend import Array3f, Array4f, Bool, Float, Int, UInt, arrays, clip
+from hagoromo.backend import Array3f, Array3u, Array4f, Bool, Float, Int, UInt, arrays, clip
 
 BRICK = 8  # voxels a side
 STORED = BRICK + 1  # voxels a side as stored
@@ -33,18 +33,18 @@ X_UNIT, Y_UNIT, Z_UNIT = 2.0 ** (X_BITS - 32) / X_FULL, 2.0 ** (Y_BITS - 32) / Y
 
 
 class Voxels(Protocol):
-    """Voxels as the march reads them: `brick` UInt, `place` Array3f lattice coordinates inside [0, n−1)."""
+    """Voxels as the march reads them: `brick` UInt, `place` lattice coordinates inside [0, n−1)."""
 
-    def density(self, brick: UInt, place: Array3f) -> Float:
+    def density(self, brick: UInt, place: Array3f | InCell) -> Float:
         """Trilinear density."""
         ...
 
-    def densities_around(self, brick: UInt, place: Array3f) -> list[Float]:
+    def densities_around(self, brick: UInt, place: Array3f | InCell) -> list[Float]:
         """Densities of the eight voxels around a place, in the order of CORNERS."""
         ...
 
     def axis(
-        self, brick: UInt, place: Array3f, tangent: Bool | None = None, among: Sequence[Bool] | None = None
+        self, brick: UInt, place: Array3f | InCell, tangent: Bool | None = None, among: Sequence[Bool] | None = None
     ) -> Array3f:
         """Trilinear axis in box axes, not normalised.
 
@@ -55,36 +55,51 @@ class Voxels(Protocol):
 
 
 @dataclass
+class InCell:
+    """A place in a cell of eight voxels: what several places of one cell read of them is read once."""
+
+    cell: Array3u  # lattice coordinates of its first voxel
+    part: Array3f  # of the way from there to the last, 0…1
+
+    @classmethod
+    def of(cls, place: Array3f | InCell) -> InCell:
+        """The place with these lattice coordinates."""
+        if isinstance(place, InCell):
+            return place
+        cell = arrays().Array3u(place)
+        return cls(cell, place - arrays().Array3f(cell))
+
+
+@dataclass
 class PackedVoxels:
     """densities: UInt (bricks · 648), halves at x and x + 1; axes: Int (bricks · 729)."""
 
     densities: UInt
     axes: Int
 
-    def density(self, brick: UInt, place: Array3f) -> Float:
+    def density(self, brick: UInt, place: Array3f | InCell) -> Float:
         """Trilinear density."""
-        jit = arrays()
-        part = place - jit.Array3f(jit.Array3u(place))
+        part = InCell.of(place).part
         rows = [lerp(half_value(pair << 13), half_value(pair >> 3), part.x) for pair in self._pairs(brick, place)]
         low, high = lerp(rows[0], rows[1], part.y), lerp(rows[2], rows[3], part.y)
         return lerp(low, high, part.z) * HALF_EXPONENT
 
-    def densities_around(self, brick: UInt, place: Array3f) -> list[Float]:
+    def densities_around(self, brick: UInt, place: Array3f | InCell) -> list[Float]:
         """Densities of the eight voxels around a place, in the order of CORNERS."""
         densities = []
         for pair in self._pairs(brick, place):
             densities += [half_value(pair << 13) * HALF_EXPONENT, half_value(pair >> 3) * HALF_EXPONENT]
         return densities
 
-    def _pairs(self, brick: UInt, place: Array3f) -> list[UInt]:
+    def _pairs(self, brick: UInt, place: Array3f | InCell) -> list[UInt]:
         """The four pairs of halves around a place."""
         UInt = arrays().UInt
-        inner = arrays().Array3u(place) & (BRICK - 1)
+        inner = InCell.of(place).cell & (BRICK - 1)
         start = brick * PAIRS + (inner.z * STORED + inner.y) * BRICK + inner.x
         return [dr.gather(UInt, self.densities, start + r) for r in (0, BRICK, STORED * BRICK, (STORED + 1) * BRICK)]
 
     def axis(
-        self, brick: UInt, place: Array3f, tangent: Bool | None = None, among: Sequence[Bool] | None = None
+        self, brick: UInt, place: Array3f | InCell, tangent: Bool | None = None, among: Sequence[Bool] | None = None
     ) -> Array3f:
         """Trilinear axis in box axes, not normalised; see `Voxels`."""
         jit = arrays()
@@ -101,16 +116,16 @@ class PlainVoxels:
 
     values: Float
 
-    def density(self, brick: UInt, place: Array3f) -> Float:
+    def density(self, brick: UInt, place: Array3f | InCell) -> Float:
         """Trilinear density."""
         return trilinear(self.densities_around(brick, place), corner(brick, place)[1])
 
-    def densities_around(self, brick: UInt, place: Array3f) -> list[Float]:
+    def densities_around(self, brick: UInt, place: Array3f | InCell) -> list[Float]:
         """Densities of the eight voxels around a place, in the order of CORNERS."""
         return [packet[0] + NO_MATTER for packet in packets_around(self.values, brick, place)]
 
     def axis(
-        self, brick: UInt, place: Array3f, tangent: Bool | None = None, among: Sequence[Bool] | None = None
+        self, brick: UInt, place: Array3f | InCell, tangent: Bool | None = None, among: Sequence[Bool] | None = None
     ) -> Array3f:
         """Trilinear axis in box axes, not normalised; see `Voxels`."""
         axes = [arrays().Array3f(p[1], p[2], p[3]) for p in packets_around(self.values, brick, place)]
@@ -138,17 +153,17 @@ class SplitVoxels:
         dr.eval(densities, axes)
         return cls(densities, axes)
 
-    def density(self, brick: UInt, place: Array3f) -> Float:
+    def density(self, brick: UInt, place: Array3f | InCell) -> Float:
         """Trilinear density."""
         return trilinear(self.densities_around(brick, place), corner(brick, place)[1])
 
-    def densities_around(self, brick: UInt, place: Array3f) -> list[Float]:
+    def densities_around(self, brick: UInt, place: Array3f | InCell) -> list[Float]:
         """Densities of the eight voxels around a place, in the order of CORNERS."""
         start, _ = corner(brick, place)
         return [dr.gather(arrays().Float, self.densities, start + offset) + NO_MATTER for offset in CORNERS]
 
     def axis(
-        self, brick: UInt, place: Array3f, tangent: Bool | None = None, among: Sequence[Bool] | None = None
+        self, brick: UInt, place: Array3f | InCell, tangent: Bool | None = None, among: Sequence[Bool] | None = None
     ) -> Array3f:
         """Trilinear axis in box axes, not normalised; see `Voxels`."""
         axes = [arrays().Array3f(p[0], p[1], p[2]) for p in packets_around(self.axes, brick, place)]
@@ -165,15 +180,14 @@ def chosen_among(axes: list[Array3f], among: Sequence[Bool] | None) -> list[Arra
 CORNERS = tuple((z * STORED + y) * STORED + x for z in (0, 1) for y in (0, 1) for x in (0, 1))
 
 
-def corner(brick: UInt, place: Array3f) -> tuple[UInt, Array3f]:
+def corner(brick: UInt, place: Array3f | InCell) -> tuple[UInt, Array3f]:
     """Number of the first of the eight voxels around a place, and where it is between them (0…1)."""
-    jit = arrays()
-    cell = jit.Array3u(place)
-    inner = cell & (BRICK - 1)
-    return brick * VOXELS + (inner.z * STORED + inner.y) * STORED + inner.x, place - jit.Array3f(cell)
+    place = InCell.of(place)
+    inner = place.cell & (BRICK - 1)
+    return brick * VOXELS + (inner.z * STORED + inner.y) * STORED + inner.x, place.part
 
 
-def packets_around(grid: Float, brick: UInt, place: Array3f) -> list[Array4f]:
+def packets_around(grid: Float, brick: UInt, place: Array3f | InCell) -> list[Array4f]:
     """The packets of four of the eight voxels around a place, from a grid of halves or floats (bricks · 729 · 4)."""
     jit = arrays()
     kind = jit.Array4f16 if type(grid) is jit.Float16 else jit.Array4f
@@ -181,9 +195,9 @@ def packets_around(grid: Float, brick: UInt, place: Array3f) -> list[Array4f]:
     return [jit.Array4f(dr.gather(kind, grid, start + offset)) for offset in CORNERS]
 
 
-def shares(voxels: Voxels, brick: UInt, place: Array3f) -> list[Float]:
+def shares(voxels: Voxels, brick: UInt, place: Array3f | InCell) -> list[Float]:
     """What each of the eight voxels around a place adds to the density there, in the order of CORNERS."""
-    weights = corner_weights(place - arrays().Array3f(arrays().Array3u(place)))
+    weights = corner_weights(InCell.of(place).part)
     return [w * density for w, density in zip(weights, voxels.densities_around(brick, place), strict=True)]
 
 
