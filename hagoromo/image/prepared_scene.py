@@ -33,7 +33,6 @@ from hagoromo.transport.palette import Palette
 from hagoromo.transport.sample import TexelHit
 from hagoromo.transport.shadow import (
     brute_attenuation,
-    fitting_resolution,
     map_resolution,
     mapped_attenuation,
     marching_is_quicker,
@@ -272,7 +271,7 @@ def _marched(medium: Medium, settings: Settings, rays: int | None) -> bool:
         return True
     if rays is None or settings.shadow_resolution:
         return False
-    return marching_is_quicker(medium, fitting_resolution(medium.boxes, settings.tolerance), rays)
+    return marching_is_quicker(medium, map_resolution(medium, settings.tolerance), rays)
 
 
 def _maps(scene: Scene, settings: Settings, medium: Medium, cache: SceneCache, texels: int | None) -> Any:

@@ -20,6 +20,7 @@ from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.voxels import BRICK
 
 TEXELS_PER_VOXEL = 1.8  # texels of a shadow map per smallest voxel, at DEFAULT_TOLERANCE
+FINER, COARSER = 0.25, 0.5  # powers of the tolerance by which they grow below it, and fall above it
 COARSEST_TEXEL = 64.0  # [voxel] along a texel of the finest map that is still of use
 MOST_TEXELS = 1024  # along a side of a shadow map: 96 MiB a lamp
 # where the three map rays around a point differ by more, the way to the lamp is marched
@@ -27,7 +28,7 @@ LEAST_DIFFERENCE = 0.12  # of transmittance, at DEFAULT_TOLERANCE
 DIFFERENCE_SHARE = 0.15  # of the transmittance itself, added to LEAST_DIFFERENCE
 DENSE = 0.45  # extinction [1/voxel] beyond which the way is marched near the point, at DEFAULT_TOLERANCE
 QUICK_MAP = 384  # texels a side, at DEFAULT_TOLERANCE, up to which maps are always made: boxes are small
-MAP_RAYS_PER_RAY = 2.5  # rays of a map for each of the camera from which maps take longer than marches
+MAP_RAYS_PER_RAY = 1.6  # rays of a map for each of the camera from which maps take longer than marches
 DEEP_BRICK = 0.5  # optical depth of a mean stored brick from which shadow rays are short
 LARGEST_SECANT = 4.0  # 1 / cosθ_i up to which the look-up in a map clears the surface's own shadow
 HIDDEN_TRANSMITTANCE = 4e-3  # a marched shadow ray ends below this transmittance, at DEFAULT_TOLERANCE
@@ -101,17 +102,19 @@ def hidden_depth(medium: Medium) -> Float:
 
 
 def fitting_resolution(boxes: Sequence[VolumeBox], tolerance: float = DEFAULT_TOLERANCE) -> int:
-    """Texels a side: TEXELS_PER_VOXEL of the smallest voxel over the extent of all matter, from 128 to MOST_TEXELS.
+    """Texels a side: `texels_per_voxel` over the extent of all matter, from 128 to MOST_TEXELS."""
+    return int(np.clip(64 * round(texels_per_voxel(tolerance) * voxels_across(boxes) / 64), 128, MOST_TEXELS))
 
-    A tolerance of a sixteenth takes twice as many.
-    """
-    finer = (DEFAULT_TOLERANCE / tolerance) ** 0.25
-    return int(np.clip(64 * round(TEXELS_PER_VOXEL * finer * voxels_across(boxes) / 64), 128, MOST_TEXELS))
+
+def texels_per_voxel(tolerance: float) -> float:
+    """Texels of a map per smallest voxel: twice as many at a sixteenth of the usual tolerance, half at four times."""
+    finer = DEFAULT_TOLERANCE / tolerance
+    return TEXELS_PER_VOXEL * finer ** (FINER if finer > 1.0 else COARSER)
 
 
 def coarseness(medium: Medium, resolution: int, tolerance: float = DEFAULT_TOLERANCE) -> float:
     """Width of a texel of maps of `resolution` over that which fits, at least 1: more where they would be too large."""
-    fitting = TEXELS_PER_VOXEL * (DEFAULT_TOLERANCE / tolerance) ** 0.25 * voxels_across(medium.boxes)
+    fitting = texels_per_voxel(tolerance) * voxels_across(medium.boxes)
     return max((ROUGH_FIGURES[0] if medium.rough else 1.0) * fitting / resolution, 1.0)
 
 
@@ -120,13 +123,14 @@ def map_resolution(medium: Medium, tolerance: float = DEFAULT_TOLERANCE) -> int:
     place differs from that of its neighbours more than shadows do.
     """
     fitting = fitting_resolution(medium.boxes, tolerance)
-    return max(64 * round(ROUGH_FIGURES[0] * fitting / 64), 128) if medium.rough else fitting
+    return max(32 * round(ROUGH_FIGURES[0] * fitting / 32), 128) if medium.rough else fitting
 
 
 def marching_is_quicker(medium: Medium, resolution: int, rays: float) -> bool:
     """Whether so few camera `rays` look up shadows that marching their shadow rays takes less time than maps would.
 
     Of dense matter alone, where shadow rays are short, and of isotropic extinction, whose steps read no axes.
+    resolution: of the maps.
     """
     small = fitting_resolution(medium.boxes) <= QUICK_MAP
     if small or resolution**2 < MAP_RAYS_PER_RAY * rays or medium.textures or medium.flakes:

@@ -91,7 +91,9 @@ class ShadowMaps:
         lamp, lane = lane // each, lane % each
         column, row = tile_place(lane, self.size)
         a, b = ((jit.Float(place) + 0.5) / jit.Float(self.size) for place in (column, row))
-        tolerance = KNOT_TOLERANCE * dr.sqrt(dr.sqrt(medium.tolerance))  # finer ones would use up the knots
+        tolerance = KNOT_TOLERANCE * dr.fmax(
+            dr.sqrt(dr.sqrt(medium.tolerance)), medium.tolerance
+        )  # finer ones would use up the knots
         writer = KnotWriter(self.words, lamp * each + row * self.size + column, self.views[0].ticks(), tolerance)
         origin, direction = self.views[0].ray(a, b)
         cone = self.views[0].cone(self.size)
