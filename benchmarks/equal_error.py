@@ -67,7 +67,7 @@ ROUGH_BEFORE = (  # scene, shadows, tolerance, time over that of the yardstick, 
     ("linen", "map", 0.04, 2.773, 0.15215),
     ("linen", "map", 0.02, 3.333, 0.15064),
 )
-ROUGH_TOLERANCES = 0.64, 0.16, 0.04, 0.02
+ROUGH_TOLERANCES = 0.64, 0.32, 0.16, 0.08, 0.04, 0.02
 TOLERANCES: dict[Shadows, tuple[float, ...]] = {
     "map": (0.64, 0.32, 0.16, 0.08, 0.04, 0.02),
     "march": (0.64, 0.32, 0.16, 0.08, 0.04),
