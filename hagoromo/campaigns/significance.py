@@ -7,10 +7,10 @@ it has if pixels err independently. Neighbours do not, and stated errors may be 
 spread of that ratio says how much larger its error is, and errors are widened by it, never narrowed. Most of the
 surface must so be unchanged. A place counts at one width only if its mean at the next smaller one is at least half as
 large: else its neighbours alone make it differ. For the same reason places that are found at one width are left out of
-the means of others at wider ones, so that a deep flake is no wider than it is. χ² of the k differences then gives p, the smallest over the widths
-times their number, and the rate of false discoveries is that of Benjamini and Hochberg 1995, which neighbours that err
-alike do not raise (Benjamini and Yekutieli 2001). Efron 2004, "Large-scale simultaneous hypothesis testing: the choice
-of a null hypothesis".
+the means of others at wider ones, so that a deep flake is no wider than it is. χ² of the k differences then gives p,
+the smallest over the widths times their number, and the rate of false discoveries is that of Benjamini and Hochberg
+1995, which neighbours that err alike do not raise (Benjamini and Yekutieli 2001). Efron 2004, "Large-scale simultaneous
+hypothesis testing: the choice of a null hypothesis".
 """
 
 from __future__ import annotations
