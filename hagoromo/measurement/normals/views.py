@@ -36,12 +36,12 @@ class Views:
     """K lamps, C channels, P pixels.
 
     values, variance: (K, C, P) radiance over irradiance facing the lamp [1/sr, up to the unit of the lamps], and the
-    square of its noise and of what it may lack at the edge of a cast shadow. light: (K, C, P) that irradiance. used:
-    (K, P) valid, above DARK, and of a pixel that is lit as a whole where three such are. to_lamp: (K, P, 3),
-    to_eye: (P, 3) unit, world axes. points: (P, 3) [m] for which these hold; for far lamps anywhere on their rays.
-    rows, columns: (P,) pixels of an image of `shape` (h, w). lamps: the K lamps. eye: (3,) [m] position of the
-    camera; axis: (3,) unit, its viewing direction. lower: (K, C, P) values that are not valid because they are clipped,
-    and so lower bounds; None: none are.
+    square of its noise. light: (K, C, P) that irradiance. used: (K, P) valid, above DARK, and of a pixel that is lit as
+    a whole where three such are. to_lamp: (K, P, 3), to_eye: (P, 3) unit, world axes. points: (P, 3) [m] for which
+    these hold; for far lamps anywhere on their rays. rows, columns: (P,) pixels of an image of `shape` (h, w). lamps:
+    the K lamps. eye: (3,) [m] position of the camera; axis: (3,) unit, its viewing direction. lower: (K, C, P) values
+    that are not valid because they are clipped, and so lower bounds; None: none are. lacks: (K, P) what the means of
+    channels may lack at the edge of a cast shadow; None: nothing.
     """
 
     values: Array
@@ -58,6 +58,7 @@ class Views:
     eye: Array
     axis: Array
     lower: NDArray[np.bool_] | None = None
+    lacks: Array | None = None
 
     @property
     def place(self) -> Array:
@@ -81,6 +82,7 @@ class Views:
             rows=self.rows[chosen],
             columns=self.columns[chosen],
             lower=None if self.lower is None else self.lower[..., chosen],
+            lacks=None if self.lacks is None else self.lacks[..., chosen],
         )
 
     def of_lamps(self, chosen: NDArray[np.bool_]) -> Views:
@@ -106,6 +108,7 @@ class Views:
             self,
             values=self.values / ratio,
             variance=self.variance / ratio**2,
+            lacks=None if self.lacks is None else self.lacks / ratio.mean(axis=1),
             light=self.light * ratio,
             to_lamp=np.stack(to_lamp),
             points=points,
@@ -196,7 +199,7 @@ def views_from_stack(
     bright = np.where(whole.sum(axis=0) >= 3, whole, bright)
     selected = Views(
         values=seen,
-        variance=np.stack(variance) + edge[:, None] ** 2,
+        variance=np.stack(variance),
         light=np.stack(lights),
         used=bright,
         to_lamp=np.stack(to_lamp),
@@ -208,6 +211,7 @@ def views_from_stack(
         lamps=lamps,
         eye=camera.position,
         axis=camera.camera_to_world[:3, 2],
+        lacks=edge if edge.any() else None,
     )
     return selected.pixels(bright.sum(axis=0) >= 3)
 
