@@ -16,6 +16,7 @@ from hagoromo.progress import Progress
 QUIET_S = 30.0  # a command shorter than this writes no lines, so that bad input is answered by one line alone
 PAUSE_S = 10.0  # between two lines
 LEAST_SHARE = 0.02  # of the work, from which the time of the rest is estimated
+LONG_S = 60.0  # of one step, after which a line says where it is
 LINE_SHARE = 0.1  # of the work, after which a line is due
 LIVE = "HAGOROMO_LIVE"  # environment: a program reads the lines as they come, and wants each hundredth of the work
 LIVE_PAUSE_S = 0.2
@@ -85,18 +86,23 @@ def progress_lines(title: str, clock: Callable[[], float] = time.monotonic, live
 def step_lines(title: str, clock: Callable[[], float] = time.monotonic) -> Progress:
     """Progress as a plain line on standard error for each step that is done, with its time and that of all so far.
 
-    A step is what stands before the first colon of what is said.
+    A step is what stands before the first colon of what is said. A step that takes longer than LONG_S has a line of
+    where it is by then, and again after each LONG_S.
     """
-    start = last_s = clock()
+    start = last_s = last_line_s = clock()
     last_step = ""
 
     def shown(share: float, step: str = "") -> None:
-        nonlocal last_s, last_step
+        nonlocal last_s, last_line_s, last_step
         heed()
-        step = step.split(":")[0]
-        if step == last_step:
-            return
+        whole, step = step, step.split(":")[0]
         now = clock()
+        if step == last_step:
+            if step and now - last_line_s >= LONG_S:
+                last_line_s = now
+                print(f"{title}: {100.0 * share:.0f} %, {escaped(whole)}", file=sys.stderr, flush=True)
+            return
+        last_line_s = now
         if last_step:
             spent = f"{now - last_s:.1f} s, {now - start:.0f} s in all"
             parts = [f"{escaped(last_step)} took {spent}", f"{100.0 * share:.0f} %", time_left(share, now - start)]

@@ -6,10 +6,11 @@ Each place is tested at several widths: the mean under a Gaussian, weighted by t
 it has if pixels err independently. Neighbours do not, and stated errors may be too small: over all pixels the robust
 spread of that ratio says how much larger its error is, and errors are widened by it, never narrowed. Most of the
 surface must so be unchanged. A place counts at one width only if its mean at the next smaller one is at least half as
-large: else its neighbours alone make it differ. χ² of the k differences then gives p, the smallest over the widths
-times their number, and the rate of false discoveries is that of Benjamini and Hochberg 1995, which neighbours that err
-alike do not raise (Benjamini and Yekutieli 2001). Efron 2004, "Large-scale simultaneous hypothesis testing: the choice
-of a null hypothesis".
+large: else its neighbours alone make it differ. For the same reason places that are found at one width are left out of
+the means of others at wider ones, so that a deep flake is no wider than it is. χ² of the k differences then gives p,
+the smallest over the widths times their number, and the rate of false discoveries is that of Benjamini and Hochberg
+1995, which neighbours that err alike do not raise (Benjamini and Yekutieli 2001). Efron 2004, "Large-scale simultaneous
+hypothesis testing: the choice of a null hypothesis".
 """
 
 from __future__ import annotations
@@ -55,14 +56,20 @@ def significant(difference: Array, variance: Array, rate: float, widths: tuple[f
     if not compared.any():
         return Significance(np.full(compared.shape, np.nan), compared, 0.0, (1.0,) * len(widths))
     smallest, widening, inner = np.full(compared.shape, np.inf), [], None
+    explained = np.zeros(compared.shape, bool)
     for width in widths:
         mean, error = averaged(difference, variance, compared, width)
+        if explained.any() and not explained[compared].all():
+            rest = averaged(difference, variance, compared & ~explained, width)
+            mean, error = (np.where(explained[..., None], *pair) for pair in zip((mean, error), rest, strict=True))
         p, wider = p_values(mean / error, compared)
         own = (
             True if inner is None else (inner * mean / error**2).sum(axis=2) >= HALF * ((mean / error) ** 2).sum(axis=2)
         )
-        smallest, inner = np.minimum(smallest, np.where(own, p, 1.0)), mean
+        p, inner = np.where(own, p, 1.0), mean
+        smallest = np.minimum(smallest, p)
         widening.append(wider)
+        explained |= p <= false_discovery_threshold(p[compared], rate / len(widths))
     p = np.where(compared, np.minimum(smallest * len(widths), 1.0), np.nan)
     threshold = false_discovery_threshold(p[compared], rate)
     found = without_small(np.nan_to_num(p, nan=1.0) <= threshold)

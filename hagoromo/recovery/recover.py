@@ -147,7 +147,7 @@ def recover(
         found = _recovered(used, kept, settings, matter, look, run)
     if found.complete:
         kept_work.end()
-    return replace(found, name=taken.name, assumptions=dict(taken.assumptions))
+    return replace(found, name=taken.own_name, assumptions=dict(taken.assumptions))
 
 
 def _first_looks(

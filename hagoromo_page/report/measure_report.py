@@ -45,7 +45,7 @@ def write_measure_report(path: Path, measurement: Measurement) -> None:
     write_page(
         path,
         "measure.html.j2",
-        name=capture.name,
+        name=capture.own_name,
         head=PARAMETER_TITLES,
         rows=[row for own in rows for row in own],
         parameters=len(rows[0]) if len({len(own) for own in rows}) == 1 else 0,

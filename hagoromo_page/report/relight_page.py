@@ -27,7 +27,7 @@ def write_relight_report(path: Path, relighting: Relighting) -> None:
     write_page(
         path,
         "relight.html.j2",
-        name=capture.name,
+        name=capture.own_name,
         measured=len(capture.photographs),
         rim=RELIEF_RIM_PX,
         linearity=relighting.measurement.linearity,

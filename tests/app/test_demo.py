@@ -262,16 +262,26 @@ def test_a_run_that_ends_early_leaves_the_page_and_the_same_command_begins_anew(
 
 
 def test_without_a_terminal_there_is_a_line_a_step():
-    """Each with its time; what stands after the first colon is part of a step."""
-    times = iter([0.0, 0.0, 2.0, 7.5, 9.0])
+    """Each with its time; what stands after the first colon is part of a step, and shown where the step is long."""
+    times = iter([0.0, 0.0, 1.0, 2.0, 7.5, 63.0, 125.0, 126.0])
     said = io.StringIO()
     with redirect_stderr(said):
         shown = step_lines("demo", lambda: next(times))
-        for share, step in ((0.0, "one"), (0.1, "one: part"), (0.2, "two"), (0.75, "two: end"), (1.0, "")):
+        for share, step in (
+            (0.0, "one"),
+            (0.1, "one: part"),
+            (0.2, "two"),
+            (0.75, "two: end"),
+            (0.8, "two: late"),
+            (0.9, "two: later"),
+            (1.0, ""),
+        ):
             shown(share, step)
     assert said.getvalue().splitlines() == [
         "demo: one took 2.0 s, 2 s in all, 20 %, about 8 s left",
-        "demo: two took 5.5 s, 8 s in all, 100 %",
+        "demo: 80 %, two: late",
+        "demo: 90 %, two: later",
+        "demo: two took 124.0 s, 126 s in all, 100 %",
     ]
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.ndimage import binary_dilation, binary_erosion, maximum_filter, minimum_filter
 
 from hagoromo.measurement.normals.normals import solve_normals
 from hagoromo.measurement.surface.cast_shadows import cast_shadows
@@ -72,6 +73,30 @@ def test_shadows_of_photographs_part_what_normals_join(shape, elevation):
     at_best, _ = judged(np.where(seen.known[..., None], seen.points, 0.0), seen, camera, towards)
     assert (np.array(found[0]) > NORMALS_ALONE).all()
     assert (np.array(found[1]) < (at_best + FALSE, MISSED, DEPTH)).all()
+
+
+def _at_edges(capture, seen):
+    """(h, w) pixels in which, or beside which, the shadow of a lamp ends, two pixels or more off edges of the shape."""
+    known = binary_erosion(seen.known, iterations=2)
+    for axis in (0, 1):
+        bent = np.abs(np.diff(seen.normals, axis=axis, append=np.take(seen.normals, [-1], axis))).sum(-1) > 0.3
+        known &= ~binary_dilation(bent, np.ones((3, 3)), iterations=2)
+    lit = np.stack([seen.lit(photograph.lamps[0].to_lamp) for photograph in capture.photographs])
+    beside = maximum_filter(lit, (1, 3, 3)) & ~minimum_filter(lit, (1, 3, 3))
+    return known & beside.any(axis=0)
+
+
+def test_normals_hold_where_shadows_end():
+    """Where the edge of a shadow crosses a pixel, its value is a share of what it would be: inside a deep cup, which
+    three or four lamps reach, one normal in twenty was off by 24° and more there, and stated errors held for 88 %.
+    """
+    capture, seen, normals, *_ = solved(Cup(), 60.0, 100)
+    edges = _at_edges(capture, seen)
+    cosine = np.einsum("hwi,hwi->hw", normals.normals, seen.normals)[edges]
+    off, stated = np.arccos(np.clip(cosine, -1.0, 1.0)), np.sqrt(normals.variance[edges])
+    assert edges.sum() > 500
+    assert np.degrees(np.percentile(off, 95)) < 4.0
+    assert np.mean(off < np.sqrt(-np.log(0.05)) * stated) > 0.92  # of two turns: 95 % within √(ln 20) standard errors
 
 
 @pytest.mark.nightly

@@ -75,6 +75,18 @@ def test_what_changed_is_found_where_it_did(changed, quantity, disc, truth):
     assert np.hypot(*(middle - disc[:2])) < 2.0 * pitch
 
 
+@pytest.mark.parametrize(("radius", "depth"), [(0.0012, 1e-4), (0.0012, 2e-5), (0.0035, 1e-4)])
+def test_a_region_is_as_large_as_its_flake(radius, depth):
+    """Neighbours help to decide, but do not differ themselves. The flake's edge is 0.3 mm wide, pixels are 0.4 mm."""
+    (region,) = [
+        one
+        for one in _changed(SimulatedRelief(flake={(*FLAKED[:2], radius): depth})).regions
+        if one.quantity == "shape" and one.number == 1
+    ]
+    assert np.pi * (1e3 * radius - 0.2) ** 2 < region.area < np.pi * (1e3 * radius + 0.4) ** 2
+    assert -1e6 * depth < region.mean < -0.7e6 * depth
+
+
 def test_the_map_of_colours_holds_the_true_difference(changed):
     points = changed.before.points
     core = np.hypot(points[..., 0] - FADED[0], points[..., 1] - FADED[1]) < FADED[2] - 2.0 * changed.before.pitch

@@ -39,6 +39,7 @@ NUGGETS = (0.3, 1.0, 3.0, 10.0)  # variance of what no neighbour tells, over tha
 LEARNING_PIXELS = 4000  # at most
 LEFT_OUT = 12  # photographs at most
 FEWEST_LAMPS = 6  # with one left out there are five: two more than a normal needs
+MOST_CHANGE = 4.0  # times, of a body colour by one photograph less
 LEAST_GAIN = 0.05  # of the squared error of photographs left out: a part that gains less is not used
 
 
@@ -206,13 +207,15 @@ def _cases(capture: Capture, views: Views, fit: Fit, some: NDArray[np.intp], pas
 def _changed(fit: Fit, whole: NormalFit, without: NormalFit) -> Fit:
     """`fit` as without a photograph, of pixels that are `whole` with it.
 
-    Of the change of a normal that is smoothed over neighbours, the share is left that is left of its variance.
+    Of the change of a normal that is smoothed over neighbours, the share is left that is left of its variance. A body
+    that its own photographs do not determine may change by any factor: at most MOST_CHANGE is passed on.
     """
     if fit.smooth is None:
         return replace(fit, normals=without.normals, body=without.body)
     normals = fit.normals + fit.smooth.share[:, None] * (without.normals - whole.normals)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    return replace(fit, normals=normals, body=fit.body * without.body / np.maximum(whole.body, 1e-300))
+    change = np.clip(without.body / np.maximum(whole.body, 1e-300), 1.0 / MOST_CHANGE, MOST_CHANGE)
+    return replace(fit, normals=normals, body=fit.body * change)
 
 
 def _known(capture: Capture, views: Views) -> tuple[Array, NDArray[np.bool_], Array]:

@@ -30,7 +30,7 @@ from hagoromo.photograph.exponent import Exponent, exponent_of
 FAULTS = ("did not converge", "doubtful")  # words in what a capture says of its calibrations
 CALIBRATED = ("camera", "lamps", "rig", "response")
 FLAT = np.radians(15.0)  # of normals from their mean (rms): below, strengths explain any transfer to some 3 %
-LEAST_TAKEN = 0.1  # standard deviation of ln strength, from which strengths that nobody stated are fitted
+LEAST_TAKEN = 0.2  # standard deviation of ln strength, from which strengths nobody stated are fitted
 CURVE = "the transfer is to be mended first"
 CONFOUNDED = (
     "the surface is so flat that lamps of uneven strength and values that are not linear look alike: state the "

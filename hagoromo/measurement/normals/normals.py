@@ -24,6 +24,7 @@ from hagoromo.measurement.normals.drawn_errors import independent_variance, own_
 from hagoromo.measurement.normals.gloss_choice import BY_EVIDENCE, GlossModel, choose_gloss
 from hagoromo.measurement.normals.lamp_shift import shifted_lamps
 from hagoromo.measurement.normals.lobe_fit import with_lobes, with_lobes_refined
+from hagoromo.measurement.normals.neighbours import with_neighbours
 from hagoromo.measurement.normals.normal_errors import with_errors
 from hagoromo.measurement.normals.photometric_model import Fit, Prior, precision
 from hagoromo.measurement.normals.photometric_rounds import independent_share
@@ -130,7 +131,7 @@ def solve_normals(
 
 def smooth(solved: NormalMap) -> NormalMap:
     """`solved` with the normals of a smooth surface where those are nearer: see `smooth_normals`."""
-    return solved.of(with_smooth_normals(solved.views, solved.fit))
+    return solved.of(with_smooth_normals(solved.views, with_neighbours(solved.views, solved.fit)))
 
 
 def with_normals_of_lobes(capture: Capture, solved: NormalMap) -> NormalMap:
@@ -151,7 +152,7 @@ def with_normals_of_lobes(capture: Capture, solved: NormalMap) -> NormalMap:
         pixel_status=pixels.status,
         smooth=None,
     )
-    return solved.of(with_lobes_refined(capture, views, with_smooth_normals(views, moved)))
+    return solved.of(with_lobes_refined(capture, views, with_smooth_normals(views, with_neighbours(views, moved))))
 
 
 def with_shared_errors(solved: NormalMap) -> NormalMap:
@@ -182,7 +183,7 @@ def with_own_gloss(solved: NormalMap) -> NormalMap:
         variance=np.where(varies, fit.variance, pixels.variance),
         smooth=None,
     )
-    return solved.of(with_smooth_normals(views, moved))
+    return solved.of(with_smooth_normals(views, with_neighbours(views, moved)))
 
 
 def solve_with_one_lobe(

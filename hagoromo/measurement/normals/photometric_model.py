@@ -160,8 +160,9 @@ def further_rows(fit: Fit) -> tuple[Array, ...]:
 
 
 def precision(views: Views, model_error: float) -> Array:
-    """(K, C, P) inverse variance of noise and model error, 0 where a value is not used."""
-    return views.used[:, None] / (views.variance + (model_error * size(views)) ** 2)
+    """(K, C, P) inverse variance of noise, model error and what a value may lack, 0 where it is not used."""
+    lacks = 0.0 if views.lacks is None else views.lacks[:, None] ** 2
+    return views.used[:, None] / (views.variance + (model_error * size(views)) ** 2 + lacks)
 
 
 def precision_of_bounds(views: Views, model_error: float) -> Array | None:

@@ -18,6 +18,7 @@ from hagoromo.camera.response import camera_white
 from hagoromo.errors import InputError
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.lamp_spread import LARGEST_CONDITION, condition_of
+from hagoromo.measurement.normals.shadow_edges import lacking
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.photograph import Photograph
 
@@ -26,6 +27,7 @@ Array = NDArray[np.float64]
 FEWEST_LAMPS = 4  # three determine a Lambertian normal and leave no residual to judge it by
 UNLIT = 1e-6  # of a lamp's largest irradiance: behind an LED it is 0, and nothing can be divided by it
 CLIPPED = 0.98  # of the largest valid value of a photograph: masked values above are clipped
+WHOLE = 0.03  # of a value at the edge of a cast shadow: where it may lack more, and three others do not, it is not used
 DARK = 3.0  # standard deviations of the sensor's noise: values below are shadow and carry little information
 
 
@@ -34,11 +36,12 @@ class Views:
     """K lamps, C channels, P pixels.
 
     values, variance: (K, C, P) radiance over irradiance facing the lamp [1/sr, up to the unit of the lamps], and the
-    square of its noise. light: (K, C, P) that irradiance. used: (K, P) valid and above DARK. to_lamp: (K, P, 3),
-    to_eye: (P, 3) unit, world axes. points: (P, 3) [m] for which these hold; for far lamps anywhere on their rays.
-    rows, columns: (P,) pixels of an image of `shape` (h, w). lamps: the K lamps. eye: (3,) [m] position of the
-    camera; axis: (3,) unit, its viewing direction. lower: (K, C, P) values that are not valid because they are clipped,
-    and so lower bounds; None: none are.
+    square of its noise. light: (K, C, P) that irradiance. used: (K, P) valid, above DARK, and of a pixel that is lit as
+    a whole where three such are. to_lamp: (K, P, 3), to_eye: (P, 3) unit, world axes. points: (P, 3) [m] for which
+    these hold; for far lamps anywhere on their rays. rows, columns: (P,) pixels of an image of `shape` (h, w). lamps:
+    the K lamps. eye: (3,) [m] position of the camera; axis: (3,) unit, its viewing direction. lower: (K, C, P) values
+    that are not valid because they are clipped, and so lower bounds; None: none are. lacks: (K, P) what the means of
+    channels may lack at the edge of a cast shadow; None: nothing.
     """
 
     values: Array
@@ -55,6 +58,7 @@ class Views:
     eye: Array
     axis: Array
     lower: NDArray[np.bool_] | None = None
+    lacks: Array | None = None
 
     @property
     def place(self) -> Array:
@@ -78,6 +82,7 @@ class Views:
             rows=self.rows[chosen],
             columns=self.columns[chosen],
             lower=None if self.lower is None else self.lower[..., chosen],
+            lacks=None if self.lacks is None else self.lacks[..., chosen],
         )
 
     def of_lamps(self, chosen: NDArray[np.bool_]) -> Views:
@@ -103,6 +108,7 @@ class Views:
             self,
             values=self.values / ratio,
             variance=self.variance / ratio**2,
+            lacks=None if self.lacks is None else self.lacks / ratio.mean(axis=1),
             light=self.light * ratio,
             to_lamp=np.stack(to_lamp),
             points=points,
@@ -187,9 +193,12 @@ def views_from_stack(
         to_lamp.append(direction)
     to_eye = camera.position - points
     to_eye /= np.linalg.norm(to_eye, axis=1, keepdims=True)
-    bright = np.stack(used)
+    bright, seen = np.stack(used), np.stack(values)
+    edge = lacking(seen.mean(axis=1), bright, stack.valid, pixels)
+    whole = bright & (edge <= WHOLE * seen.mean(axis=1))
+    bright = np.where(whole.sum(axis=0) >= 3, whole, bright)
     selected = Views(
-        values=np.stack(values),
+        values=seen,
         variance=np.stack(variance),
         light=np.stack(lights),
         used=bright,
@@ -202,6 +211,7 @@ def views_from_stack(
         lamps=lamps,
         eye=camera.position,
         axis=camera.camera_to_world[:3, 2],
+        lacks=edge if edge.any() else None,
     )
     return selected.pixels(bright.sum(axis=0) >= 3)
 

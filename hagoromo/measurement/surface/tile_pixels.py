@@ -20,6 +20,7 @@ from hagoromo.files.array_tree import read_tree, write_tree
 from hagoromo.measurement.nearest import nearest_known
 from hagoromo.measurement.normals.lobe_fit import FoundLobes, fit_with
 from hagoromo.measurement.normals.lobe_samples import Trust
+from hagoromo.measurement.normals.neighbours import with_neighbours
 from hagoromo.measurement.normals.normals import NormalMap, robust_lambert
 from hagoromo.measurement.normals.photometric_model import Fit
 from hagoromo.measurement.normals.pixel_fit import fit_pixels
@@ -113,7 +114,7 @@ def with_one_lobe(
     fit, place = fine_fit(store, coarse, (views.rows, views.columns), nothing)
     found = fit_pixels(views, conditions(views, fit, place), *robust_lambert(views), steps)
     fit = replace(fit, normals=found.normals, body=found.body, variance=found.variance)
-    return TilePixels(views, fit, place, trust_in(views), found.converged)
+    return TilePixels(views, with_neighbours(views, fit, place), place, trust_in(views), found.converged)
 
 
 def with_all_lobes(
@@ -128,7 +129,7 @@ def with_all_lobes(
     views, fit = solved.views, fit_with(solved.fit, coarse.lobes)
     found = fit_pixels(views, conditions(views, fit, solved.place), fit.normals, fit.body)
     fit = replace(fit, normals=found.normals, body=found.body, variance=found.variance)
-    return solved._replace(fit=fit, converged=found.converged)
+    return solved._replace(fit=with_neighbours(views, fit, solved.place), converged=found.converged)
 
 
 def fine_fit(
