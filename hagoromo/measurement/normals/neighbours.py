@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.ndimage import uniform_filter
+from scipy.ndimage import correlate
 
 from hagoromo.measurement.normals.photometric_model import Fit
 from hagoromo.measurement.normals.smooth_normals import bodies_at, known_variance
@@ -46,18 +46,18 @@ def around(views: Views, normals: Array, variance: Array) -> tuple[Array, Array]
     them about it, infinite where there is none.
     """
     weight, rows, columns = 1.0 / variance, views.rows - views.rows.min(), views.columns - views.columns.min()
-    shape = rows.max() + 1, columns.max() + 1
+    shape, others = (rows.max() + 1, columns.max() + 1), np.ones((SIZE, SIZE))
+    others[SIZE // 2, SIZE // 2] = 0.0
 
     def total(pixels: Array) -> Array:
-        whole = np.zeros((*shape, *pixels.shape[1:]))
+        whole = np.zeros(shape)
         whole[rows, columns] = pixels
-        size = (SIZE, SIZE) + (1,) * (whole.ndim - 2)
-        return (SIZE**2 * uniform_filter(whole, size, mode="constant"))[rows, columns] - pixels
+        return np.asarray(correlate(whole, others, mode="constant"))[rows, columns]
 
     norm, count = total(weight), total(np.ones(len(weight)))
-    mean = total(weight[:, None] * normals) / np.maximum(norm, 1e-300)[:, None]
+    mean = np.stack([total(weight * part) for part in normals.T], axis=1) / np.maximum(norm, 1e-12)[:, None]
     length = np.linalg.norm(mean, axis=1)
     spread = np.maximum(1.0 - length**2, 0.0)  # mean square distance of unit vectors from their mean
     known = (count > 2.0) & (length > 0.0) & (norm > 1e-12)
-    found = np.where(known, spread + count / np.maximum(norm, 1e-300), np.inf)
+    found = np.where(known, spread + count / np.maximum(norm, 1e-12), np.inf)
     return np.where(known[:, None], mean / np.maximum(length, 1e-12)[:, None], normals), found

@@ -15,13 +15,19 @@ Array = NDArray[np.float64]
 
 DARK = 0.25  # of the brightest neighbour: a darker pixel beside it is in shadow
 HIGHLIGHT = 1.5  # times what lamps make of a pixel in the median: brighter neighbours have a highlight
+LEAST = (
+    0.1  # of what lamps make of a pixel in the median: what is lacking at an edge, at least; curved matter makes less
+)
 SIZE = 3  # pixels of a side of the square of neighbours
 
 
 def lacking(
     values: Array, used: NDArray[np.bool_], valid: NDArray[np.bool_], pixels: tuple[NDArray[np.intp], NDArray[np.intp]]
 ) -> Array:
-    """(K, P) what values at the edge of a shadow may lack: how far they are below their brightest neighbour; else 0.
+    """(K, P) what values at the edge of a cast shadow may lack; else 0.
+
+    That is how far they are below their brightest neighbour, less what the light goes on to rise by beyond it: where a
+    surface turns away from a lamp light falls evenly, and nothing is lacking.
 
     values: (K, P), means of the channels over irradiance. used, valid: (K, P) above the noise, and valid; rows and
     columns of the pixels (P,). Neighbours are compared by their value over that under all lamps, in the median, so that
@@ -36,8 +42,10 @@ def lacking(
         image = np.full(shape, np.nan)
         image[rows[known], columns[known]] = share[known]
         outside = np.isnan(image)
-        most = maximum_filter(np.where(outside, -np.inf, image), SIZE, mode="nearest")[rows, columns]
         least = minimum_filter(np.where(outside, np.inf, image), SIZE, mode="nearest")[rows, columns]
-        most = np.minimum(most, HIGHLIGHT)
-        lacks[:] = np.where(known & (least < DARK * most), np.maximum(most - share, 0.0), 0.0)
+        image = np.where(outside, -np.inf, np.minimum(image, HIGHLIGHT))
+        most, farther = (maximum_filter(image, size, mode="nearest")[rows, columns] for size in (SIZE, 2 * SIZE - 1))
+        with np.errstate(invalid="ignore"):  # around pixels that are not valid
+            step = 2.0 * most - share - farther
+        lacks[:] = np.where(known & (least < DARK * most) & (step > LEAST), step, 0.0)
     return found * usual
