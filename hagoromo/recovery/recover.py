@@ -14,6 +14,7 @@ from hagoromo.errors import InputError
 from hagoromo.files.memory import SHARE_OF_MEMORY, free_memory
 from hagoromo.photograph.capture import Capture, load_capture
 from hagoromo.progress import Progress, part_of, silent
+from hagoromo.recovery.agreement import check_agree
 from hagoromo.recovery.choices import AUTO, NONE, FoundMatter, Gloss, GlossChoice, Law, Light, MatterChoice, parts_of
 from hagoromo.recovery.errors import errors_of
 from hagoromo.recovery.evidence import evidence_of
@@ -136,6 +137,8 @@ def recover(
     photographs = checked(taken)
     views = views_of(photographs)
     check_not_cut(views)
+    if views[0].stated:
+        check_agree(outlines_of(views))
     aside = kept_aside(len(views), settings.keep)
     used, kept = (tuple(v for v, out in zip(views, aside, strict=True) if out == which) for which in (False, True))
     lit = any(p.lamps for p in photographs)
