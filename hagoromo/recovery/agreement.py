@@ -73,8 +73,9 @@ def check_agree(outlines: Sequence[Outline]) -> None:
                 "their masks or poses: do they show the same object, and did it stand still?"
             )
     warnings.warn(
-        f"masks of photographs contradict one another: up to {100.0 * worst:.0f} % of a mask is outside the object that "
-        "the others allow, and is cut off. Check poses and masks; --refine cameras mends poses that are a little wrong",
+        f"masks of photographs contradict one another: up to {100.0 * worst:.0f} % of a mask is outside the object "
+        "that the others allow, and is cut off. Check poses and masks; --refine cameras mends poses that are a little "
+        "wrong",
         stacklevel=3,
     )
 

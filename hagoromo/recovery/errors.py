@@ -12,7 +12,7 @@ have such an error, too. What all photographs share, such as a wrong scale, is i
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -55,6 +55,10 @@ class Errors:
     colour: NDArray[np.float32]
     of_lattice: bool = True
     gloss: NDArray[np.float32] | None = None
+
+    def counted_back(self, unit: float) -> Errors:
+        """With those of body colours that were counted in a unit."""
+        return self if unit == 1.0 else replace(self, colour=(self.colour * unit).astype(np.float32))
 
 
 def errors_of(

@@ -16,6 +16,7 @@ from hagoromo.photograph.capture import Capture, load_capture
 from hagoromo.progress import Progress, part_of, silent
 from hagoromo.recovery.agreement import check_agree
 from hagoromo.recovery.choices import AUTO, NONE, FoundMatter, Gloss, GlossChoice, Law, Light, MatterChoice, parts_of
+from hagoromo.recovery.colour_unit import colour_unit, counted_back, counted_in
 from hagoromo.recovery.errors import errors_of
 from hagoromo.recovery.evidence import evidence_of
 from hagoromo.recovery.first_look import SIDE, Views, first_look, gloss_of, law_of
@@ -205,7 +206,7 @@ def _recovered(
     """What is recovered of views that are used, by what first looks found."""
     run.progress(0.0, "hull")
     work = run.work
-    levels = _levels(used, settings, matter, look, settings.rays, run.workers)
+    levels, unit = _levels(used, settings, matter, look, settings.rays, run.workers)
     both = settings.errors and len(used) >= 2 * LEAST_VIEWS
     known, errors, halves = work.found.known, None, []
     try:
@@ -220,11 +221,11 @@ def _recovered(
             before = levels.before.surface() if len(levels.sides) > 1 else None
             errors = errors_of(
                 levels.shape.surface(), [half.surface() for half in halves], before, matter.law == "fuzzy"
-            )
+            ).counted_back(unit)
     except KeyboardInterrupt:
         if levels.descent is None and levels.start is levels.before:
             raise
-    shape, look = levels.shape, levels.look
+    shape, look = counted_back(levels.shape, unit), levels.look
     found = shape.surface().in_order()
     if known is not None:
         known = known.in_order(order_of(shape.gloss))
@@ -242,8 +243,8 @@ def _recovered(
 
 def _levels(
     views: Views, settings: RecoverySettings, matter: FoundMatter, look: Look, rays: int, workers: Workers
-) -> Levels:
-    """The levels of some views, from their hull."""
+) -> tuple[Levels, float]:
+    """The levels of some views, from their hull, and the unit in which they count body colours."""
     seen = _changed(views, look)
     outlines, stated = outlines_of(seen), views[0].stated
     low, high = box_of(outlines, stated)
@@ -258,7 +259,9 @@ def _levels(
     start = SHAPES[matter.law].of_hull(lattice, hull)
     if isinstance(start, SurfaceShape) and matter.gloss == "places":
         start = start.with_two_glosses()
-    return Levels(views, start, sides, rays, settings.seed, settings.shadows, look, workers)
+    unit = colour_unit(seen, lattice)
+    counted = [counted_in(view, unit) for view in views]
+    return Levels(counted, start, sides, rays, settings.seed, settings.shadows, look, workers), unit
 
 
 def _check_room(matter: FoundMatter, side: int, lattice: Lattice) -> None:
@@ -280,11 +283,11 @@ def _halves(whole: Levels, settings: RecoverySettings, matter: FoundMatter, run:
     for number, (name, views) in enumerate(zip(HALVES, halves_of(whole.views), strict=True)):
         keep = work.keeps(name)
         look = FoundLook.of(whole.look).of_views(views)
-        half = _levels(views, settings, matter, look, settings.rays // 2, run.workers)
+        half, unit = _levels(views, settings, matter, look, settings.rays // 2, run.workers)
         own = run.part(0.5 * number, 0.5)
         half.run(settings.steps, own.progress, keep, work.found.checkpoints.get(name))
         keep(half.end)
-        halves.append(half.shape)
+        halves.append(counted_back(half.shape, unit))
     return halves
 
 

@@ -42,6 +42,10 @@ LIGHTS = {
 }
 
 
+BRIGHTEST = 0.98  # of a body colour, which a reflectance must give back less than all of
+BRIGHT = 99  # percentile of body colours that should be no more than 1: a few may be, by noise
+
+
 class Score(NamedTuple):
     """How well a photograph is predicted. psnr: peak signal to noise [dB], over all valid pixels; inside: over those of
     the silhouette; the peak is the brightest value. Outside a stated silhouette the photograph counts as black,
@@ -55,7 +59,7 @@ class Score(NamedTuple):
 
 
 class RecoveredMesh(NamedTuple):
-    """vertices (n, 3) [m], faces (m, 3), unit normals (n, 3) outwards, body colours (n, 3).
+    """vertices (n, 3) [m], faces (m, 3), unit normals (n, 3) outwards, body colours (n, 3) times `Recovered.dim`.
 
     photographs: (n,) that show each vertex; where none does, the surface is closed smoothly. Standard errors, NaN where
     they are not known: position_errors (n,) along the normal [m], normal_errors (n,) [rad]. gloss: β and γ (n,); None:
@@ -158,6 +162,17 @@ class Recovered:
             return MixedGloss(*(np.full(dr.width(place), each) for each in (self.beta, self.gamma)))
         return mixed_gloss(self.gloss, np.array(self.surface_field.share_at(place)))
 
+    @cached_property
+    def brightest(self) -> float:
+        """Body colour of the brightest places of the surface; above 1 they would give back more than all light."""
+        near = np.abs(self.distance) < 1.0
+        return float(np.percentile(self.colours[near], BRIGHT)) if near.any() else 0.0
+
+    @property
+    def dim(self) -> float:
+        """Factor on the body colours of box and mesh, below 1 where the brightest ones are above 1."""
+        return BRIGHTEST / self.brightest if self.brightest > 1.0 else 1.0
+
     @property
     def matter(self) -> Law:
         """The law of the matter."""
@@ -214,6 +229,7 @@ class Recovered:
             "voxel_m": self.lattice.voxel,
             "size_m": edges.tolist(),
             "photographs": len(self.photographs),
+            "brightest_body_colour": self.brightest,
             "material": materials[0] if materials else None,
             "materials": materials,
             "gloss": self._gloss(),
