@@ -22,12 +22,16 @@ from hagoromo.recovery.shading import GLOSS, each_gloss, figures
 
 AT_ONCE = 1 << 12  # chunks
 MOST_CHUNKS = 1 << 16  # that are looked at: more would not say more
+LIT = 0.02  # light by a body colour, of that of bright pixels, from which a photograph shows a place lit
+BRIGHT = 90  # percentile of pixels that are bright
 IDENTIFIABLE = 0.5  # standard error of a logarithm up to which a parameter counts as known by the photographs
 
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """covariance: of the gloss, see `NodeShading`. photographs: (nz, ny, nx) that show each place of the surface."""
+    """covariance: of the gloss, see `NodeShading`. photographs: (nz, ny, nx) that show each place of the surface
+    lit.
+    """
 
     covariance: NDArray[np.float64]
     photographs: NDArray[np.int32]
@@ -75,9 +79,11 @@ def evidence_of(descent: Descent, coarser: NDArray[np.floating] | None = None) -
 
 
 def _photographs(slopes: Slopes, count: int) -> NDArray[np.int32]:
-    """(count,) photographs that show each node."""
+    """(count,) photographs that show each node under light of their lamps: in its shadow nothing is known of it."""
+    light = slopes.by_colour.max(axis=1, initial=0.0)
+    lit = light > (LIT * np.percentile(light, BRIGHT) if light.size else 0.0)
     most = int(slopes.photograph.max(initial=0)) + 1
-    pairs = np.unique(slopes.node * most + slopes.photograph)
+    pairs = np.unique(slopes.node[lit] * most + slopes.photograph[lit])
     return np.bincount(pairs // most, minlength=count).astype(np.int32)
 
 

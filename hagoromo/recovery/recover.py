@@ -222,6 +222,7 @@ def _recovered(
             errors = errors_of(
                 levels.shape.surface(), [half.surface() for half in halves], before, matter.law == "fuzzy"
             ).counted_back(unit)
+            errors = errors if known is None else errors.where_lit(known.photographs)
     except KeyboardInterrupt:
         if levels.descent is None and levels.start is levels.before:
             raise
