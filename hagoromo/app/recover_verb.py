@@ -16,7 +16,6 @@ from hagoromo.errors import InputError
 from hagoromo.files.record import write_json
 from hagoromo.files.whole import replaceable_files, replaceable_folder, whole_files
 from hagoromo.recovery.choices import AUTO, GlossChoice, Light, MatterChoice
-from hagoromo.recovery.remarks import said_of_brightness
 
 
 def recovery_files(out: Path) -> Written:
@@ -137,11 +136,9 @@ def summary(record: dict[str, Any]) -> list[str]:
         )
     if record["material"] is None:
         lines.append(f"light {record['lamps']}; cameras: {record['cameras']}")
-    if too_bright := said_of_brightness(record):
-        lines.append(too_bright)
     if errors := record["errors"]:
         position, normal = errors["position_m"][0], errors["normal_rad"][0]
         lines.append(f"standard errors, median: position {1e6 * position:.3g} µm, normal {degrees(normal):.2g}°")
     for score in record["kept_aside"]:
         lines.append(f"{score['name']}, kept aside: {score['psnr']:.2f} dB, {score['inside']:.2f} dB in its silhouette")
-    return lines
+    return [*lines, *(f"remark: {said}" for said in record["remarks"])]

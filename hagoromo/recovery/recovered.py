@@ -21,6 +21,7 @@ from hagoromo.recovery.choices import Law
 from hagoromo.recovery.distance_field import DistanceField
 from hagoromo.recovery.errors import Errors
 from hagoromo.recovery.evidence import Evidence
+from hagoromo.recovery.explained import Explained, explained
 from hagoromo.recovery.fuzzy_shape import FuzzyShape
 from hagoromo.recovery.lamp_table import LampTable
 from hagoromo.recovery.lattice import Lattice
@@ -28,6 +29,7 @@ from hagoromo.recovery.look import Look
 from hagoromo.recovery.matter_field import MatterField
 from hagoromo.recovery.mixed_gloss import MixedGloss, mixed_gloss
 from hagoromo.recovery.object_view import ObjectView
+from hagoromo.recovery.remarks import remarks_on
 from hagoromo.recovery.rendering import Rendering
 from hagoromo.recovery.shading import NodeShading, figures
 
@@ -169,6 +171,17 @@ class Recovered:
         return float(np.percentile(self.colours[near], BRIGHT)) if near.any() else 0.0
 
     @property
+    def never_shown(self) -> float:
+        """Share of the surface that no photograph shows lit; 0 where that is not known."""
+        surface = np.abs(self.distance) < 0.5
+        return 0.0 if self.evidence is None else float((self.evidence.photographs[surface] == 0).mean())
+
+    @cached_property
+    def explained(self) -> list[Explained]:
+        """How well it explains each of the photographs that it was recovered from."""
+        return [explained(self, photograph) for photograph in self.photographs]
+
+    @property
     def dim(self) -> float:
         """Factor on the body colours of box and mesh, below 1 where the brightest ones are above 1."""
         return BRIGHTEST / self.brightest if self.brightest > 1.0 else 1.0
@@ -210,7 +223,7 @@ class Recovered:
 
     def record(self) -> dict[str, Any]:
         """What was found, as plain data: the file beside a box."""
-        scores, look = self.scores(), self.look
+        scores, look, errors = self.scores(), self.look, self._errors()
         edges = np.array(self.lattice.shape[::-1]) * self.lattice.voxel
         materials = self.evidence.materials(self.gloss) if self.evidence and self.lit else []
         return {
@@ -234,7 +247,8 @@ class Recovered:
             "materials": materials,
             "gloss": self._gloss(),
             "gloss_tried_db": dict(self.gloss_tried),
-            "errors": self._errors(),
+            "errors": errors,
+            "remarks": remarks_on(self, self.never_shown),
             "kept_aside": [score._asdict() for score in scores],
             "assumptions": dict(self.assumptions),
         }
@@ -251,13 +265,12 @@ class Recovered:
         }
         if self.errors.gloss is not None:
             all_of |= {"ln_beta": self.errors.gloss[shown][:, 0], "ln_gamma": self.errors.gloss[shown][:, 1]}
-        surface = np.abs(self.distance) < 0.5
         found = {key: np.quantile(v, (0.5, 0.95)).tolist() if v.size else None for key, v in all_of.items()}
         return {
             "quantiles": [0.5, 0.95],
             "of_lattice": self.errors.of_lattice,
             **found,
-            "never_shown": float((self.evidence.photographs[surface] == 0).mean()),
+            "never_shown": self.never_shown,
         }
 
     def _gloss(self) -> dict[str, Any] | None:

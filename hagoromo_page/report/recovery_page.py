@@ -15,7 +15,6 @@ from hagoromo.photograph.photograph import Photograph
 from hagoromo.recovery.mixed_gloss import mixed_gloss
 from hagoromo.recovery.object_view import ObjectView
 from hagoromo.recovery.recovered import Recovered
-from hagoromo.recovery.remarks import said_of_brightness
 from hagoromo_page.report.page import page_picture, write_page
 from hagoromo_page.report.report_pictures import around, map_picture
 
@@ -39,6 +38,7 @@ def write_recovery_report(path: Path, recovered: Recovered, record: dict[str, An
         photographs=record["photographs"],
         kept=len(recovered.kept),
         found=_found(recovered, record),
+        remarks=[said[0].upper() + said[1:] + "." for said in record["remarks"]],
         gloss=[_gloss(material) for material in record["materials"]],
         places=_places(recovered, views),
         scores=[
@@ -67,9 +67,9 @@ def _found(recovered: Recovered, record: dict[str, Any]) -> list[str]:
             f"Standard errors, median and 95th percentile: position {_both(position, 1e6)} µm, "
             f"normal {_both(normal, 180.0 / np.pi)}°, body colour {_both(colour, 100.0)} %."
         )
-        said.append(f"{100.0 * errors['never_shown']:.1f} % of the surface is in no photograph: it is closed smoothly.")
-    if too_bright := said_of_brightness(record):
-        said.append(too_bright)
+        said.append(
+            f"{100.0 * errors['never_shown']:.1f} % of the surface is lit in no photograph: it is closed smoothly."
+        )
     if tried := record["matter_tried_db"]:
         words = ", ".join(f"{law} {db:.2f} dB" for law, db in tried.items())
         said.append(f"The matter is {record['matter']}. A first look tried: {words}.")

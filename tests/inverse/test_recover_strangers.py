@@ -7,7 +7,6 @@ import pytest
 
 import hagoromo as hg
 from hagoromo.matter import shape as sd
-from hagoromo.recovery.remarks import said_of_brightness
 from studies.recover_scenes import TrueObject, misstated, shots, simulated, stacked
 from studies.recovery_scores import box_psnr, psnr
 
@@ -92,5 +91,47 @@ def test_a_box_whose_body_colours_are_more_than_all_light_is_dimmed_and_that_is_
     assert found.brightest > 2.0
     assert box_psnr(found, seen) > psnr(found, seen) - 1.0
     assert found.mesh().colours.max() < 2.0
-    assert "lamps are stated too weak" in said_of_brightness(found.record())
-    assert not said_of_brightness(usual.record())
+    assert "lamps are stated too weak" in found.record()["remarks"][0]
+    assert usual.record()["remarks"] == []
+
+
+def another_exposure(number, photograph):
+    return replace(photograph, values=0.7 * photograph.values) if number == 8 else photograph
+
+
+def mixed_up_lamps(number, photograph):
+    return replace(photograph, lamps=(MIXED[number],)) if number in MIXED else photograph
+
+
+MIXED = {}  # lamps of others, by the number of a photograph
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (another_exposure, "1 of 18 photographs are brighter or darker than the others say: view 8 by -2"),
+        (mixed_up_lamps, "the light of 2 of 18 photographs is explained 3 times worse than is usual: view 6, view 9;"),
+        (lambda _, photograph: photograph, ""),
+    ],
+)
+def test_photographs_of_another_exposure_or_lamp_are_named(change, said):
+    """Light that is wrong by 30 %, and the lamps of two mixed up: the right ones are named, and nothing else is."""
+    taken = simulated(TrueObject(), shots(18, 5, 60, 1, pixels=48), 1)
+    MIXED.update({6: taken.capture.photographs[9].lamps[0], 9: taken.capture.photographs[6].lamps[0]})
+    remarks = hg.recover(changed(taken, change).capture, replace(QUICK, steps=40)).record()["remarks"]
+    assert len(remarks) == bool(said) and "".join(remarks).startswith(said)
+
+
+def test_what_no_lamp_lights_has_no_stated_body_colour(taken):
+    """All lamps stand on one side: what is behind is seen, and not lit."""
+    axis = np.array([0.0, -0.8, 0.6])
+    one_sided = replace(
+        shots(12, 5, 60, 1, pixels=48), lamps=[np.array([0.5 * axis + 0.02 * np.eye(3)[k % 3]]) for k in range(12)]
+    )
+    found = hg.recover(simulated(TrueObject(), one_sided, 1).capture, replace(QUICK, errors=True))
+    behind = found.lattice.nodes() - found.lattice.middle
+    behind = (behind @ axis < -0.01) & (np.abs(found.distance) < 0.5)
+    assert found.never_shown > 0.15 and (found.evidence.photographs[behind] == 0).mean() > 0.6
+    assert np.isnan(found.errors.colour[behind & (found.evidence.photographs == 0)]).all()
+    assert np.isfinite(found.errors.position[behind]).all()
+    assert any("of the surface is lit in no photograph" in said for said in found.record()["remarks"])
