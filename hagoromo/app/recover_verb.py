@@ -125,6 +125,9 @@ def summary(record: dict[str, Any]) -> list[str]:
         lines.append(f"matter {record['matter']}; tried: " + ", ".join(f"{k} {db:.2f} dB" for k, db in tried.items()))
     for material in record["materials"]:
         known = [key for key, is_known in material["identifiable"].items() if is_known]
+        if material["beta"] == 0.0:
+            lines.append(f"gloss: none was found; beta is below {material['interval_95']['beta'][1]:.2g}")
+            continue
         found = ", ".join(f"{key} {material[key]:.3g}" for key in ("beta", "gamma", "n"))
         lines.append(f"gloss: {found}; identifiable: {', '.join(known) or 'nothing'}")
     if tried := record["gloss_tried_db"]:

@@ -18,7 +18,7 @@ from hagoromo.recovery.agreement import check_agree
 from hagoromo.recovery.choices import AUTO, NONE, FoundMatter, Gloss, GlossChoice, Law, Light, MatterChoice, parts_of
 from hagoromo.recovery.colour_unit import colour_unit, counted_back, counted_in
 from hagoromo.recovery.errors import errors_of
-from hagoromo.recovery.evidence import evidence_of
+from hagoromo.recovery.evidence import evidence_of, feigned, slopes_in
 from hagoromo.recovery.first_look import SIDE, Views, first_look, gloss_of, law_of
 from hagoromo.recovery.fuzzy_shape import FuzzyShape
 from hagoromo.recovery.given import LEAST_VIEWS, check_lamps, check_not_cut, checked, kept_aside
@@ -41,6 +41,7 @@ BYTES_OF_SHARES = 16.0  # further ones of a node where places have shares of two
 LOOK_SHARE = 0.3  # of the work, that a first look is
 WHOLE, HALVES = "whole", ("first half", "second half")  # what there are checkpoints of
 LEAST_POSES = 6  # of a half of the photographs, if those from one pose are to be in one half
+FURTHER = 1.0 / 3.0  # of the steps of a level, that follow where the object turns out to have no gloss
 WHOLE_SHARE = 0.55  # of the work, of what is not done for the errors
 
 
@@ -213,10 +214,20 @@ def _recovered(
         of_whole = run.part(0.0, WHOLE_SHARE if both else 1.0)
         descent = levels.run(settings.steps, of_whole.progress, work.keeps(WHOLE), work.found.checkpoints.get(WHOLE))
         if known is None and descent is not None:
-            known = evidence_of(descent, levels.before.gloss if len(levels.sides) > 1 else None)
+            coarser = levels.before.gloss if len(levels.sides) > 1 else None
+            seen = slopes_in(descent)
+            known = evidence_of(descent, seen, coarser)
+            one = matter.law == "surface" and matter.gloss == "one" and descent.lamps.each
+            if one and feigned(seen[0]):
+                known = evidence_of(descent, seen)  # levels differ in what is no gloss
+                most = known.materials(descent.gloss)[0]["interval_95"]["beta"][1]
+                known = replace(known, most_beta=most * unit)
+                further = run.part(WHOLE_SHARE if both else 1.0, 0.0, "without gloss")
+                levels.without_gloss(max(round(FURTHER * settings.steps), 1), further.progress)
             work.keep(known=known, checkpoints={WHOLE: levels.end})
         if both:
             of_halves = run.part(WHOLE_SHARE, 1.0 - WHOLE_SHARE, "errors")
+            levels.matt = known is not None and known.most_beta is not None
             halves = _halves(levels, settings, matter, of_halves)
             before = levels.before.surface() if len(levels.sides) > 1 else None
             errors = errors_of(
@@ -285,7 +296,7 @@ def _halves(whole: Levels, settings: RecoverySettings, matter: FoundMatter, run:
         keep = work.keeps(name)
         look = FoundLook.of(whole.look).of_views(views)
         half, unit = _levels(views, settings, matter, look, settings.rays // 2, run.workers)
-        own = run.part(0.5 * number, 0.5)
+        half.matt, own = whole.matt, run.part(0.5 * number, 0.5)
         half.run(settings.steps, own.progress, keep, work.found.checkpoints.get(name))
         keep(half.end)
         halves.append(counted_back(half.shape, unit))

@@ -70,6 +70,8 @@ def _found(recovered: Recovered, record: dict[str, Any]) -> list[str]:
         said.append(
             f"{100.0 * errors['never_shown']:.1f} % of the surface is lit in no photograph: it is closed smoothly."
         )
+    if (material := record["material"]) and material["beta"] == 0.0:
+        said.append(f"No gloss was found: β is below {material['interval_95']['beta'][1]:.2g} 1/sr.")
     if tried := record["matter_tried_db"]:
         words = ", ".join(f"{law} {db:.2f} dB" for law, db in tried.items())
         said.append(f"The matter is {record['matter']}. A first look tried: {words}.")

@@ -113,6 +113,7 @@ MIXED = {}  # lamps of others, by the number of a photograph
         (mixed_up_lamps, "the light of 2 of 18 photographs is explained 3 times worse than is usual: view 6, view 9;"),
         (lambda _, photograph: photograph, ""),
     ],
+    ids=["exposure", "lamps", "none"],
 )
 def test_photographs_of_another_exposure_or_lamp_are_named(change, said):
     """Light that is wrong by 30 %, and the lamps of two mixed up: the right ones are named, and nothing else is."""
@@ -135,3 +136,15 @@ def test_what_no_lamp_lights_has_no_stated_body_colour(taken):
     assert np.isnan(found.errors.colour[behind & (found.evidence.photographs == 0)]).all()
     assert np.isfinite(found.errors.position[behind]).all()
     assert any("of the surface is lit in no photograph" in said for said in found.record()["remarks"])
+
+
+@pytest.mark.parametrize(("beta", "gamma"), [(0.0, 0.1), (0.4, 0.5), (2.2, 0.1)])
+def test_an_object_without_gloss_is_called_matt_and_no_other(beta, gamma):
+    """What a broad lobe explains of a matt object is an error of the model; a true broad one explains far more."""
+    taken = simulated(TrueObject(beta, gamma), shots(18, 5, 60, 1, pixels=48), 1)
+    found = hg.recover(taken.capture, replace(QUICK, steps=40))
+    material = found.record()["material"]
+    low, high = material["interval_95"]["beta"]
+    assert low <= beta <= high
+    assert (material["beta"] == 0.0) == (beta == 0.0)
+    assert beta > 0.0 or not any(material["identifiable"].values())
