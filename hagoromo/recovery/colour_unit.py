@@ -10,22 +10,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TypeVar
 
 import numpy as np
 
-from hagoromo.recovery.fuzzy_shape import FuzzyShape
 from hagoromo.recovery.lamp_table import LampTable
 from hagoromo.recovery.lattice import Lattice
+from hagoromo.recovery.matter_shape import MatterShape
 from hagoromo.recovery.object_view import ObjectView
 from hagoromo.recovery.shading import each_gloss
-from hagoromo.recovery.surface_shape import SurfaceShape
 
 USUAL = 0.3  # value of a place under light of π, as most objects have it: that of their body colour, and less aslant
 FAR = 4.0  # factor from it within which values are taken as they are
 BRIGHT = 75  # percentile of the values in a silhouette, and of photographs, that stands for what faces the lamp
-
-Found = TypeVar("Found", SurfaceShape, FuzzyShape)
 
 
 def colour_unit(views: Sequence[ObjectView], lattice: Lattice) -> float:
@@ -54,7 +50,7 @@ def counted_in(view: ObjectView, unit: float) -> ObjectView:
     return replace(view, photograph=changed)
 
 
-def counted_back(shape: Found, unit: float) -> Found:
+def counted_back(shape: MatterShape, unit: float) -> MatterShape:
     """What was found of such views, as the values are."""
     if unit == 1.0:
         return shape

@@ -61,8 +61,8 @@ def explained(recovered: Recovered, photograph: Photograph) -> Explained:
         return Explained(photograph.name, missing=missing)
     bright = there & (predicted > LEAST_SHARE * np.percentile(predicted[there], BRIGHT))
     factor = float(np.median(values[bright] / predicted[bright])) if bright.sum() >= LEAST_PIXELS else np.nan
-    rests = (_rms((values - by * predicted)[there]) for by in (1.0, factor))
-    return Explained(photograph.name, _rms(values[there]), *rests, factor, missing)
+    rest, scaled = (_rms((values - by * predicted)[there]) for by in (1.0, factor))
+    return Explained(photograph.name, _rms(values[there]), rest, scaled, factor, missing)
 
 
 def said_of(all_of: Sequence[Explained]) -> list[str]:

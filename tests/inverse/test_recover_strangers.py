@@ -132,6 +132,7 @@ def test_what_no_lamp_lights_has_no_stated_body_colour(taken):
     found = hg.recover(simulated(TrueObject(), one_sided, 1).capture, replace(QUICK, errors=True))
     behind = found.lattice.nodes() - found.lattice.middle
     behind = (behind @ axis < -0.01) & (np.abs(found.distance) < 0.5)
+    assert found.evidence is not None and found.errors is not None
     assert found.never_shown > 0.15 and (found.evidence.photographs[behind] == 0).mean() > 0.6
     assert np.isnan(found.errors.colour[behind & (found.evidence.photographs == 0)]).all()
     assert np.isfinite(found.errors.position[behind]).all()
