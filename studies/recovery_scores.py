@@ -83,7 +83,8 @@ def covered(found: hg.Recovered, shown: SurfaceErrors, colours: Array) -> tuple[
     """Share [%] of points of which 95 % intervals of position, normal and body colour hold the truth.
 
     colours: (n, 3) true ones. The angle of a normal has two components: 95 % are within √(−ln 0.05) times its root of
-    the mean square. The errors of a point are those of the nearest place of the surface that was found.
+    the mean square. The errors of a point are those of the nearest place of the surface that was found. Body colours
+    that no photograph shows lit have none, and do not count.
     """
     if found.errors is None:
         return None
@@ -100,7 +101,7 @@ def covered(found: hg.Recovered, shown: SurfaceErrors, colours: Array) -> tuple[
     held = (
         shown.distances < TWO_SIDED * position,
         np.radians(shown.angles) < np.sqrt(-np.log(0.05)) * normal,
-        np.abs(own - colours) < TWO_SIDED * colour,
+        (np.abs(own - colours) < TWO_SIDED * colour)[np.isfinite(colour)],
     )
     return tuple(float(100.0 * each.mean()) for each in held)  # type: ignore[return-value]
 

@@ -125,6 +125,9 @@ def summary(record: dict[str, Any]) -> list[str]:
         lines.append(f"matter {record['matter']}; tried: " + ", ".join(f"{k} {db:.2f} dB" for k, db in tried.items()))
     for material in record["materials"]:
         known = [key for key, is_known in material["identifiable"].items() if is_known]
+        if material["beta"] == 0.0:
+            lines.append(f"gloss: none was found; beta is below {material['interval_95']['beta'][1]:.2g}")
+            continue
         found = ", ".join(f"{key} {material[key]:.3g}" for key in ("beta", "gamma", "n"))
         lines.append(f"gloss: {found}; identifiable: {', '.join(known) or 'nothing'}")
     if tried := record["gloss_tried_db"]:
@@ -141,4 +144,4 @@ def summary(record: dict[str, Any]) -> list[str]:
         lines.append(f"standard errors, median: position {1e6 * position:.3g} µm, normal {degrees(normal):.2g}°")
     for score in record["kept_aside"]:
         lines.append(f"{score['name']}, kept aside: {score['psnr']:.2f} dB, {score['inside']:.2f} dB in its silhouette")
-    return lines
+    return [*lines, *(f"remark: {said}" for said in record["remarks"])]

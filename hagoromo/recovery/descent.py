@@ -64,6 +64,7 @@ class Descent:
             if on_workers
             else PixelsHere(self.rendering, pixels.limit)
         )
+        self.matt = False  # whether the gloss stays as it is: there is none
         self.random = np.random.default_rng(seed)
         self.moves = field.moves()
         self.choose()
@@ -115,7 +116,7 @@ class Descent:
             wanted = k % LIGHT_EVERY == 0 and (self.look.unknown is not None or self.look.strengths is not None)
             light = self.step(drawn, rate * fall, fall, wanted)
             self._fit_look(k, fall, picked, drawn, light)
-            if self.lamps.each and k % GLOSS_EVERY == GLOSS_EVERY - 1:
+            if self.lamps.each and not self.matt and k % GLOSS_EVERY == GLOSS_EVERY - 1:
                 many = self.pixels.of(self._pick(GLOSS_DRAW * chunks, total))
                 copies = self.pixels.count / dr.width(many.photograph)
                 slopes = self.work.slopes(many)

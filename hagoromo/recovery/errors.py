@@ -12,7 +12,7 @@ have such an error, too. What all photographs share, such as a wrong scale, is i
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -46,8 +46,9 @@ class Errors:
     """Standard errors of the nodes near the surface, NaN elsewhere.
 
     position: (nz, ny, nx) along the normal [m]. normal: (nz, ny, nx) root of the mean square angle [rad]. colour:
-    (nz, ny, nx, 3) of body colours. of_lattice: whether the error of the lattice is in them: not, where there
-    was one level of it. gloss: (nz, ny, nx, 2) of ln β and ln γ; None: the object has one gloss.
+    (nz, ny, nx, 3) of body colours, NaN also where no photograph shows them lit. of_lattice: whether the error of the
+    lattice is in them: not, where there was one level of it. gloss: (nz, ny, nx, 2) of ln β and ln γ; None: the object
+    has one gloss.
     """
 
     position: NDArray[np.float32]
@@ -55,6 +56,14 @@ class Errors:
     colour: NDArray[np.float32]
     of_lattice: bool = True
     gloss: NDArray[np.float32] | None = None
+
+    def where_lit(self, photographs: NDArray[np.integer]) -> Errors:
+        """With those of body colours where photographs show them: elsewhere nothing is known, and both halves agree."""
+        return replace(self, colour=np.where(photographs[..., None] > 0, self.colour, np.float32(np.nan)))
+
+    def counted_back(self, unit: float) -> Errors:
+        """With those of body colours that were counted in a unit."""
+        return self if unit == 1.0 else replace(self, colour=(self.colour * unit).astype(np.float32))
 
 
 def errors_of(

@@ -16,21 +16,28 @@ from scipy import ndimage
 
 from hagoromo.least_squares.loss import NORMAL_95
 from hagoromo.recovery.descent import Descent
-from hagoromo.recovery.gloss_step import N_SPREAD, Slopes, beforehand, without_colours
+from hagoromo.recovery.gloss_step import GLOSS_RANGE, N_SPREAD, N_USUAL, Slopes, beforehand, without_colours
 from hagoromo.recovery.pixel_table import CHUNK
-from hagoromo.recovery.shading import GLOSS, each_gloss, figures
+from hagoromo.recovery.shading import GLOSS, START, each_gloss, figures
 
 AT_ONCE = 1 << 12  # chunks
 MOST_CHUNKS = 1 << 16  # that are looked at: more would not say more
+LIT = 0.02  # light by a body colour, of that of bright pixels, from which a photograph shows a place lit
+BRIGHT = 90  # percentile of pixels that are bright
+FEIGNED = 1.0 / 3.0  # of the squared residual where its light is, that a gloss must explain to be one
 IDENTIFIABLE = 0.5  # standard error of a logarithm up to which a parameter counts as known by the photographs
 
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """covariance: of the gloss, see `NodeShading`. photographs: (nz, ny, nx) that show each place of the surface."""
+    """covariance: of the gloss, see `NodeShading`. photographs: (nz, ny, nx) that show each place of the surface lit.
+    most_beta: upper end of the 95 % interval of the β that was fitted, where the object is taken for matt; None: it has
+    a gloss.
+    """
 
     covariance: NDArray[np.float64]
     photographs: NDArray[np.int32]
+    most_beta: float | None = None
 
     def in_order(self, order: list[int]) -> Evidence:
         """With the numbers of the gloss in another order."""
@@ -44,28 +51,48 @@ class Evidence:
 
     def materials(self, gloss: NDArray[np.floating]) -> list[dict[str, Any]]:
         """Each gloss with standard errors and 95 % intervals, with the keys of materials.json."""
+        if self.most_beta is not None:
+            return [_matt_material(self.most_beta)]
         errors = np.sqrt(np.diag(self.covariance))
         return [_material(np.asarray(gloss)[one], errors[one]) for one in each_gloss(gloss)]
 
 
-def evidence_of(descent: Descent, coarser: NDArray[np.floating] | None = None) -> Evidence:
-    """What the pixels of a descent say of its result.
+def feigned(slopes: Slopes) -> bool:
+    """Whether one gloss may be an error of the model, such as at outlines: where its light is, the squared residual
+    would grow by less than a share of FEIGNED without it. Light is linear in β, so its slope by ln β is the gloss.
 
-    coarser: the gloss that the level before found; the square of what changed since counts as variance, as the lattice
-    has an error, too.
+    Pixels count by the square of the light of the gloss that no body colour explains.
     """
-    shape = descent.field.shape
-    count = int(np.prod(shape))
+    free, left = without_colours(slopes)
+    gloss = free[..., 0]
+    held = float((gloss**2 * left**2).sum())
+    return float((gloss**2 * (left + gloss) ** 2).sum()) < (1.0 + FEIGNED) * held
+
+
+def slopes_in(descent: Descent) -> tuple[Slopes, float]:
+    """Slopes of the pixels of a descent, or of many of them, and how many each of these stands for."""
     total = descent.pixels.count // CHUNK
     chosen = np.arange(total)
     if total > MOST_CHUNKS:
         chosen = np.sort(np.random.default_rng(0).choice(total, MOST_CHUNKS, replace=False))
-    copies = total / len(chosen)
     parts = [
         descent.work.slopes(descent.pixels.of(chosen[first : first + AT_ONCE]))
         for first in range(0, len(chosen), AT_ONCE)
     ]
-    slopes = Slopes(*(np.concatenate(each) for each in zip(*parts, strict=True)))
+    return Slopes(*(np.concatenate(each) for each in zip(*parts, strict=True))), total / len(chosen)
+
+
+def evidence_of(
+    descent: Descent, seen: tuple[Slopes, float] | None = None, coarser: NDArray[np.floating] | None = None
+) -> Evidence:
+    """What the pixels of a descent say of its result.
+
+    seen: its slopes, see `slopes_in`. coarser: the gloss that the level before found; the square of what changed since
+    counts as variance, as the lattice has an error, too.
+    """
+    shape = descent.field.shape
+    count = int(np.prod(shape))
+    slopes, copies = seen or slopes_in(descent)
     numbers = len(descent.gloss)
     gloss = _gloss_covariance(slopes, copies, numbers) if descent.lamps.each else np.zeros((numbers, numbers))
     if coarser is not None and descent.lamps.each:
@@ -75,9 +102,11 @@ def evidence_of(descent: Descent, coarser: NDArray[np.floating] | None = None) -
 
 
 def _photographs(slopes: Slopes, count: int) -> NDArray[np.int32]:
-    """(count,) photographs that show each node."""
+    """(count,) photographs that show each node under light of their lamps: in its shadow nothing is known of it."""
+    light = slopes.by_colour.max(axis=1, initial=0.0)
+    lit = light > (LIT * np.percentile(light, BRIGHT) if light.size else 0.0)
     most = int(slopes.photograph.max(initial=0)) + 1
-    pairs = np.unique(slopes.node * most + slopes.photograph)
+    pairs = np.unique(slopes.node[lit] * most + slopes.photograph[lit])
     return np.bincount(pairs // most, minlength=count).astype(np.int32)
 
 
@@ -94,6 +123,19 @@ def _gloss_covariance(slopes: Slopes, copies: float, count: int) -> NDArray[np.f
     spread = used / (used - 1.0) * scores.T @ scores
     sandwich = np.linalg.pinv(matrix) @ spread @ np.linalg.pinv(matrix)
     return np.linalg.inv(np.linalg.pinv(sandwich) + prior)
+
+
+def _matt_material(most_beta: float) -> dict[str, Any]:
+    """No gloss: β is 0 or little, and nothing is known of γ and n."""
+    n1, spread = N_USUAL - 1.0, float(np.exp(NORMAL_95 * N_SPREAD))
+    ends = {"gamma": np.exp(GLOSS_RANGE[1]).tolist(), "n": [1.0 + n1 / spread, 1.0 + n1 * spread]}
+    return {
+        **dict(zip(GLOSS, START, strict=True)),
+        "beta": 0.0,
+        "standard_error": {"beta": most_beta / NORMAL_95, "gamma": ends["gamma"][1], "n": n1 * N_SPREAD},
+        "interval_95": {"beta": [0.0, most_beta], **ends},
+        "identifiable": dict.fromkeys(GLOSS, False),
+    }
 
 
 def _material(gloss: NDArray[np.floating], errors: NDArray[np.floating]) -> dict[str, Any]:

@@ -18,7 +18,7 @@ from hagoromo.photograph.photograph import Photograph
 from hagoromo.recovery.fuzzy_shape import THIN, FuzzyShape
 from hagoromo.recovery.lattice import Lattice
 from hagoromo.recovery.matter_field import COLOURS
-from hagoromo.recovery.recovered import Recovered, RecoveredMesh
+from hagoromo.recovery.recovered import BRIGHTEST, Recovered, RecoveredMesh
 from hagoromo.recovery.shading import ALPHA, each_gloss, figures
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.reflectance.spectra.body_basis import body_basis
@@ -33,7 +33,6 @@ SHADOW_BIAS = 1.0  # voxels of the box
 LEAST_BOX, LARGEST_BOX = 8, 2048  # voxels along the longest edge
 SKIN = 6.0  # voxels of the box that hold matter behind the surface
 LEAST_EXTINCTION = 1e-3  # [1/node] of fuzzy matter that a box holds
-BRIGHTEST = 0.98  # of a body colour, which a reflectance must give back less than all of
 SHARE_LEVELS = 33  # materials of a box whose places have shares of two glosses
 LEAST_DIM = 1e-3  # factor on the reflectance below which it cannot be made to conserve energy
 
@@ -124,15 +123,19 @@ def _pose(recovered: Recovered, voxel: float) -> NDArray[np.float64]:
 
 
 def conserving(recovered: Recovered) -> tuple[list[Reflectance], float]:
-    """The materials, one for each level of the share, and the factor by which they are dimmed to conserve energy."""
+    """The materials, one for each level of the share, and the factor by which they are dimmed to conserve energy.
+
+    Body colours are dimmed where many are more than 1, then the whole reflectance where its gloss gives back too much.
+    """
     near = np.abs(recovered.distance) < 1.0 if recovered.fuzzy is None else recovered.fuzzy.density > THIN
-    brightest = min(float(recovered.colours[near].max(initial=0.1)), BRIGHTEST)
-    dim = 1.0
+    first = recovered.dim
+    brightest = min(first * float(recovered.colours[near].max(initial=0.1)), BRIGHTEST)
+    dim = first
     while True:
         try:
             return [
                 Reflectance(
-                    alpha=ALPHA * dim,
+                    alpha=ALPHA * dim / first,
                     beta=lobes[0][0] * dim,
                     gamma=lobes[0][1],
                     n=recovered.n,
@@ -145,7 +148,7 @@ def conserving(recovered: Recovered) -> tuple[list[Reflectance], float]:
             ], dim
         except InputError:
             dim *= 0.9
-            if dim < LEAST_DIM:
+            if dim < LEAST_DIM * first:
                 raise
 
 
@@ -183,7 +186,7 @@ def recovered_mesh(recovered: Recovered) -> RecoveredMesh:
     places = corners[:, ::-1].astype(np.float64)
     field, at = recovered.surface_field, vectors(places)
     normals = np.array(unit(field.axis_at(at)), np.float64).T
-    colours = np.stack([np.array(each, np.float64) for each in field.colours_at(at)], axis=1)
+    colours = recovered.dim * np.stack([np.array(each, np.float64) for each in field.colours_at(at)], axis=1)
     vertices = recovered.lattice.to_world(places)
     corner = vertices[faces[:, :3]]
     outwards = np.einsum(

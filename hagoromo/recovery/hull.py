@@ -171,8 +171,12 @@ def _no_hull(outlines: Sequence[Outline], lattice: Lattice) -> str:
 
 def _said(against: Sequence[str], count: int) -> str:
     """The message that names photographs that disagree."""
-    named = ", ".join(against[:NAMED]) + (f" and {len(against) - NAMED} more" if len(against) > NAMED else "")
     return (
-        f"the masks of {count} photographs meet nowhere: {named or 'some'} disagree with the others; check their poses "
-        "(units, axes) and masks"
+        f"the masks of {count} photographs meet nowhere: {listed(against) or 'some'} disagree with the others; check "
+        "their poses (units, axes) and masks"
     )
+
+
+def listed(names: Sequence[str]) -> str:
+    """Names in a sentence, the first NAMED."""
+    return ", ".join(names[:NAMED]) + (f" and {len(names) - NAMED} more" if len(names) > NAMED else "")

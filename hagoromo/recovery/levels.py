@@ -17,6 +17,7 @@ from hagoromo.recovery.look import FoundLook, Look
 from hagoromo.recovery.matter_shape import MatterShape
 from hagoromo.recovery.object_view import ObjectView
 from hagoromo.recovery.pixel_table import CHUNK, PixelTable
+from hagoromo.recovery.shading import matt
 from hagoromo.recovery.work import Checkpoint
 
 COARSEST, LEAST = 32, 16  # nodes along the longest edge of the first level; and where it is the first of two
@@ -25,6 +26,7 @@ MODEL_ERROR, LAST_MODEL_ERROR = 0.02, 0.01  # relative error of the model, of co
 SOFTNESS, LAST_SOFTNESS = (1.0, 0.33), (0.6, 0.2)  # s at begin and end of a level, and of the last one [voxel]
 BYTES_PER_PIXEL = 120.0  # of all arrays together
 RAYS_SIDE = 64  # nodes along the longest edge of the lattice up to which the rays of a step are as stated
+FURTHER_RATE = 0.3  # factor on the rate of what goes on after the last level
 LEVEL_SHARE = 0.25  # of the steps of the last level, that a coarse one takes of the work
 
 
@@ -59,6 +61,7 @@ class Levels:
         self.workers = workers
         self.start, self.before, self.begin, self.look = start, start, start, look
         self.descent: Descent | None = None
+        self.matt = False  # whether the object has no gloss
 
     @property
     def shape(self) -> MatterShape:
@@ -116,6 +119,15 @@ class Levels:
             self.descent.run(steps, self.chunks_of(self.sides[number]), softness, rate, own, kept, first)
         return self.descent
 
+    def without_gloss(self, steps: int, progress: Progress) -> None:
+        """Go on with the last level, without gloss, for some further steps: body colours take what the gloss had."""
+        assert self.descent is not None
+        self.matt = self.descent.matt = True
+        self.descent.shading.set_gloss(matt(self.descent.gloss))
+        softness = LAST_SOFTNESS[1], LAST_SOFTNESS[1]
+        rate = FURTHER_RATE * self.descent.moves.rates[1]
+        self.descent.run(steps, self.chunks_of(self.sides[-1]), softness, rate, progress)
+
     def chunks_of(self, side: int) -> int:
         """Chunks of pixels of each step of a level."""
         return round(self.rays * max(1.0, side / RAYS_SIDE) ** 2) // CHUNK
@@ -133,7 +145,10 @@ class Levels:
         pixels = PixelTable(reduced, lattice, LAST_MODEL_ERROR if last else MODEL_ERROR, float(np.median(bright)))
         field, seed = begin.field(), self.seed + max(lattice.shape)
         lamps = LampTable(photographs, lattice)
-        return Descent(field, pixels, lamps, begin.gloss, seed, self.shadows, self.look, self.workers)
+        gloss = matt(begin.gloss) if self.matt else begin.gloss
+        descent = Descent(field, pixels, lamps, gloss, seed, self.shadows, self.look, self.workers)
+        descent.matt = self.matt
+        return descent
 
 
 def sides_of(finest: int) -> list[int]:

@@ -14,9 +14,11 @@ from hagoromo.errors import InputError
 from hagoromo.files.memory import SHARE_OF_MEMORY, free_memory
 from hagoromo.photograph.capture import Capture, load_capture
 from hagoromo.progress import Progress, part_of, silent
+from hagoromo.recovery.agreement import check_agree
 from hagoromo.recovery.choices import AUTO, NONE, FoundMatter, Gloss, GlossChoice, Law, Light, MatterChoice, parts_of
+from hagoromo.recovery.colour_unit import colour_unit, counted_back, counted_in
 from hagoromo.recovery.errors import errors_of
-from hagoromo.recovery.evidence import evidence_of
+from hagoromo.recovery.evidence import evidence_of, feigned, slopes_in
 from hagoromo.recovery.first_look import SIDE, Views, first_look, gloss_of, law_of
 from hagoromo.recovery.fuzzy_shape import FuzzyShape
 from hagoromo.recovery.given import LEAST_VIEWS, check_lamps, check_not_cut, checked, kept_aside
@@ -39,6 +41,7 @@ BYTES_OF_SHARES = 16.0  # further ones of a node where places have shares of two
 LOOK_SHARE = 0.3  # of the work, that a first look is
 WHOLE, HALVES = "whole", ("first half", "second half")  # what there are checkpoints of
 LEAST_POSES = 6  # of a half of the photographs, if those from one pose are to be in one half
+FURTHER = 1.0 / 3.0  # of the steps of a level, that follow where the object turns out to have no gloss
 WHOLE_SHARE = 0.55  # of the work, of what is not done for the errors
 
 
@@ -136,6 +139,8 @@ def recover(
     photographs = checked(taken)
     views = views_of(photographs)
     check_not_cut(views)
+    if views[0].stated:
+        check_agree(outlines_of(views))
     aside = kept_aside(len(views), settings.keep)
     used, kept = (tuple(v for v, out in zip(views, aside, strict=True) if out == which) for which in (False, True))
     lit = any(p.lamps for p in photographs)
@@ -202,26 +207,37 @@ def _recovered(
     """What is recovered of views that are used, by what first looks found."""
     run.progress(0.0, "hull")
     work = run.work
-    levels = _levels(used, settings, matter, look, settings.rays, run.workers)
+    levels, unit = _levels(used, settings, matter, look, settings.rays, run.workers)
     both = settings.errors and len(used) >= 2 * LEAST_VIEWS
     known, errors, halves = work.found.known, None, []
     try:
         of_whole = run.part(0.0, WHOLE_SHARE if both else 1.0)
         descent = levels.run(settings.steps, of_whole.progress, work.keeps(WHOLE), work.found.checkpoints.get(WHOLE))
         if known is None and descent is not None:
-            known = evidence_of(descent, levels.before.gloss if len(levels.sides) > 1 else None)
+            coarser = levels.before.gloss if len(levels.sides) > 1 else None
+            seen = slopes_in(descent)
+            known = evidence_of(descent, seen, coarser)
+            one = matter.law == "surface" and matter.gloss == "one" and descent.lamps.each
+            if one and feigned(seen[0]):
+                known = evidence_of(descent, seen)  # levels differ in what is no gloss
+                most = known.materials(descent.gloss)[0]["interval_95"]["beta"][1]
+                known = replace(known, most_beta=most * unit)
+                further = run.part(WHOLE_SHARE if both else 1.0, 0.0, "without gloss")
+                levels.without_gloss(max(round(FURTHER * settings.steps), 1), further.progress)
             work.keep(known=known, checkpoints={WHOLE: levels.end})
         if both:
             of_halves = run.part(WHOLE_SHARE, 1.0 - WHOLE_SHARE, "errors")
+            levels.matt = known is not None and known.most_beta is not None
             halves = _halves(levels, settings, matter, of_halves)
             before = levels.before.surface() if len(levels.sides) > 1 else None
             errors = errors_of(
                 levels.shape.surface(), [half.surface() for half in halves], before, matter.law == "fuzzy"
-            )
+            ).counted_back(unit)
+            errors = errors if known is None else errors.where_lit(known.photographs)
     except KeyboardInterrupt:
         if levels.descent is None and levels.start is levels.before:
             raise
-    shape, look = levels.shape, levels.look
+    shape, look = counted_back(levels.shape, unit), levels.look
     found = shape.surface().in_order()
     if known is not None:
         known = known.in_order(order_of(shape.gloss))
@@ -239,8 +255,8 @@ def _recovered(
 
 def _levels(
     views: Views, settings: RecoverySettings, matter: FoundMatter, look: Look, rays: int, workers: Workers
-) -> Levels:
-    """The levels of some views, from their hull."""
+) -> tuple[Levels, float]:
+    """The levels of some views, from their hull, and the unit in which they count body colours."""
     seen = _changed(views, look)
     outlines, stated = outlines_of(seen), views[0].stated
     low, high = box_of(outlines, stated)
@@ -255,7 +271,9 @@ def _levels(
     start = SHAPES[matter.law].of_hull(lattice, hull)
     if isinstance(start, SurfaceShape) and matter.gloss == "places":
         start = start.with_two_glosses()
-    return Levels(views, start, sides, rays, settings.seed, settings.shadows, look, workers)
+    unit = colour_unit(seen, lattice)
+    counted = [counted_in(view, unit) for view in views]
+    return Levels(counted, start, sides, rays, settings.seed, settings.shadows, look, workers), unit
 
 
 def _check_room(matter: FoundMatter, side: int, lattice: Lattice) -> None:
@@ -277,11 +295,11 @@ def _halves(whole: Levels, settings: RecoverySettings, matter: FoundMatter, run:
     for number, (name, views) in enumerate(zip(HALVES, halves_of(whole.views), strict=True)):
         keep = work.keeps(name)
         look = FoundLook.of(whole.look).of_views(views)
-        half = _levels(views, settings, matter, look, settings.rays // 2, run.workers)
-        own = run.part(0.5 * number, 0.5)
+        half, unit = _levels(views, settings, matter, look, settings.rays // 2, run.workers)
+        half.matt, own = whole.matt, run.part(0.5 * number, 0.5)
         half.run(settings.steps, own.progress, keep, work.found.checkpoints.get(name))
         keep(half.end)
-        halves.append(half.shape)
+        halves.append(counted_back(half.shape, unit))
     return halves
 
 

@@ -21,6 +21,7 @@ from hagoromo.recovery.choices import Law
 from hagoromo.recovery.distance_field import DistanceField
 from hagoromo.recovery.errors import Errors
 from hagoromo.recovery.evidence import Evidence
+from hagoromo.recovery.explained import Explained, explained
 from hagoromo.recovery.fuzzy_shape import FuzzyShape
 from hagoromo.recovery.lamp_table import LampTable
 from hagoromo.recovery.lattice import Lattice
@@ -28,6 +29,7 @@ from hagoromo.recovery.look import Look
 from hagoromo.recovery.matter_field import MatterField
 from hagoromo.recovery.mixed_gloss import MixedGloss, mixed_gloss
 from hagoromo.recovery.object_view import ObjectView
+from hagoromo.recovery.remarks import remarks_on
 from hagoromo.recovery.rendering import Rendering
 from hagoromo.recovery.shading import NodeShading, figures
 
@@ -40,6 +42,10 @@ LIGHTS = {
     "object": "unknown, fixed to the object: body colours are the light that is sent out over that of the mean normal",
     "camera": "unknown, fixed to the camera: body colours are the light that is sent out over that of the mean normal",
 }
+
+
+BRIGHTEST = 0.98  # of a body colour, which a reflectance must give back less than all of
+BRIGHT = 99  # percentile of body colours that should be no more than 1: a few may be, by noise
 
 
 class Score(NamedTuple):
@@ -55,7 +61,7 @@ class Score(NamedTuple):
 
 
 class RecoveredMesh(NamedTuple):
-    """vertices (n, 3) [m], faces (m, 3), unit normals (n, 3) outwards, body colours (n, 3).
+    """vertices (n, 3) [m], faces (m, 3), unit normals (n, 3) outwards, body colours (n, 3) times `Recovered.dim`.
 
     photographs: (n,) that show each vertex; where none does, the surface is closed smoothly. Standard errors, NaN where
     they are not known: position_errors (n,) along the normal [m], normal_errors (n,) [rad]. gloss: β and γ (n,); None:
@@ -158,6 +164,28 @@ class Recovered:
             return MixedGloss(*(np.full(dr.width(place), each) for each in (self.beta, self.gamma)))
         return mixed_gloss(self.gloss, np.array(self.surface_field.share_at(place)))
 
+    @cached_property
+    def brightest(self) -> float:
+        """Body colour of the brightest places of the surface; above 1 they would give back more than all light."""
+        near = np.abs(self.distance) < 1.0
+        return float(np.percentile(self.colours[near], BRIGHT)) if near.any() else 0.0
+
+    @property
+    def never_shown(self) -> float:
+        """Share of the surface that no photograph shows lit; 0 where that is not known."""
+        surface = np.abs(self.distance) < 0.5
+        return 0.0 if self.evidence is None else float((self.evidence.photographs[surface] == 0).mean())
+
+    @cached_property
+    def explained(self) -> list[Explained]:
+        """How well it explains each of the photographs that it was recovered from."""
+        return [explained(self, photograph) for photograph in self.photographs]
+
+    @property
+    def dim(self) -> float:
+        """Factor on the body colours of box and mesh, below 1 where the brightest ones are above 1."""
+        return BRIGHTEST / self.brightest if self.brightest > 1.0 else 1.0
+
     @property
     def matter(self) -> Law:
         """The law of the matter."""
@@ -195,7 +223,7 @@ class Recovered:
 
     def record(self) -> dict[str, Any]:
         """What was found, as plain data: the file beside a box."""
-        scores, look = self.scores(), self.look
+        scores, look, errors = self.scores(), self.look, self._errors()
         edges = np.array(self.lattice.shape[::-1]) * self.lattice.voxel
         materials = self.evidence.materials(self.gloss) if self.evidence and self.lit else []
         return {
@@ -214,11 +242,13 @@ class Recovered:
             "voxel_m": self.lattice.voxel,
             "size_m": edges.tolist(),
             "photographs": len(self.photographs),
+            "brightest_body_colour": self.brightest,
             "material": materials[0] if materials else None,
             "materials": materials,
             "gloss": self._gloss(),
             "gloss_tried_db": dict(self.gloss_tried),
-            "errors": self._errors(),
+            "errors": errors,
+            "remarks": remarks_on(self, self.never_shown),
             "kept_aside": [score._asdict() for score in scores],
             "assumptions": dict(self.assumptions),
         }
@@ -235,13 +265,12 @@ class Recovered:
         }
         if self.errors.gloss is not None:
             all_of |= {"ln_beta": self.errors.gloss[shown][:, 0], "ln_gamma": self.errors.gloss[shown][:, 1]}
-        surface = np.abs(self.distance) < 0.5
         found = {key: np.quantile(v, (0.5, 0.95)).tolist() if v.size else None for key, v in all_of.items()}
         return {
             "quantiles": [0.5, 0.95],
             "of_lattice": self.errors.of_lattice,
             **found,
-            "never_shown": float((self.evidence.photographs[surface] == 0).mean()),
+            "never_shown": self.never_shown,
         }
 
     def _gloss(self) -> dict[str, Any] | None:

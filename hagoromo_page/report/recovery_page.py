@@ -38,6 +38,7 @@ def write_recovery_report(path: Path, recovered: Recovered, record: dict[str, An
         photographs=record["photographs"],
         kept=len(recovered.kept),
         found=_found(recovered, record),
+        remarks=[said[0].upper() + said[1:] + "." for said in record["remarks"]],
         gloss=[_gloss(material) for material in record["materials"]],
         places=_places(recovered, views),
         scores=[
@@ -66,7 +67,11 @@ def _found(recovered: Recovered, record: dict[str, Any]) -> list[str]:
             f"Standard errors, median and 95th percentile: position {_both(position, 1e6)} µm, "
             f"normal {_both(normal, 180.0 / np.pi)}°, body colour {_both(colour, 100.0)} %."
         )
-        said.append(f"{100.0 * errors['never_shown']:.1f} % of the surface is in no photograph: it is closed smoothly.")
+        said.append(
+            f"{100.0 * errors['never_shown']:.1f} % of the surface is lit in no photograph: it is closed smoothly."
+        )
+    if (material := record["material"]) and material["beta"] == 0.0:
+        said.append(f"No gloss was found: β is below {material['interval_95']['beta'][1]:.2g} 1/sr.")
     if tried := record["matter_tried_db"]:
         words = ", ".join(f"{law} {db:.2f} dB" for law, db in tried.items())
         said.append(f"The matter is {record['matter']}. A first look tried: {words}.")

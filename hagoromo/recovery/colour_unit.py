@@ -1,0 +1,60 @@
+"""Colour unit: the value in which body colours are counted while they are found.
+
+Steps of body colours, and what is known of them beforehand, are those of a usual albedo. Where an object is much
+darker, or the strengths of its lamps, or without lamps its light, are in another unit than the values of the
+photographs, values are divided by one number until the object is found. Light is linear: body colours and β are
+multiplied by it afterwards.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from hagoromo.recovery.lamp_table import LampTable
+from hagoromo.recovery.lattice import Lattice
+from hagoromo.recovery.matter_shape import MatterShape
+from hagoromo.recovery.object_view import ObjectView
+from hagoromo.recovery.shading import each_gloss
+
+USUAL = 0.3  # value of a place under light of π, as most objects have it: that of their body colour, and less aslant
+FAR = 4.0  # factor from it within which values are taken as they are
+BRIGHT = 75  # percentile of the values in a silhouette, and of photographs, that stands for what faces the lamp
+
+
+def colour_unit(views: Sequence[ObjectView], lattice: Lattice) -> float:
+    """Value of a usual body colour over that number; 1 where colours are about usual as they are. lattice: around the
+    object.
+    """
+    lamps = LampTable([view.photograph for view in views], lattice)
+    bright = []
+    for number, view in enumerate(views):
+        lit = view.photograph.mask & view.silhouette
+        values = view.photograph.values[lit]
+        if values.size:
+            light = lamps.irradiance(number, lattice.middle) / np.pi if lamps.each else 1.0
+            bright.append(float(np.percentile(np.nan_to_num(values).mean(axis=1), BRIGHT)) / max(light, 1e-30))
+    found = float(np.percentile(bright, BRIGHT)) / USUAL if bright else 1.0
+    return found if found > 0.0 and not 1.0 / FAR <= found <= FAR else 1.0
+
+
+def counted_in(view: ObjectView, unit: float) -> ObjectView:
+    """A view whose values are counted in a unit."""
+    if unit == 1.0:
+        return view
+    photograph = view.photograph
+    values, variance = photograph.values / unit, photograph.variance / unit**2
+    changed = replace(photograph, values=values.astype(np.float32), variance=variance.astype(np.float32))
+    return replace(view, photograph=changed)
+
+
+def counted_back(shape: MatterShape, unit: float) -> MatterShape:
+    """What was found of such views, as the values are."""
+    if unit == 1.0:
+        return shape
+    gloss = shape.gloss.copy()
+    for beta, *_ in each_gloss(gloss):
+        gloss[beta] += np.log(unit)
+    return replace(shape, colours=(shape.colours * unit).astype(np.float32), gloss=gloss)
