@@ -92,8 +92,10 @@ def cast_shadows(normal_map: NormalMap, trusted: NDArray[np.bool_]) -> CastShado
     model = fit.evenness(views.place)[some][:, None] * predicted(fit, to_lamp, views.to_eye)
     values = np.where(np.isfinite(views.values[some]), views.values[some], 0.0)
     share = np.clip(np.sum(values * model, axis=1) / np.maximum(np.sum(model**2, axis=1), 1e-300), 0.0, 1.0)
-    faces = np.einsum("kpi,pi->kp", to_lamp, fit.normals) > FACING
-    return CastShadows(views.rows, views.columns, to_lamp, np.where(trusted[some] & faces, share, np.nan))
+    evident = trusted[some] & (np.einsum("kpi,pi->kp", to_lamp, fit.normals) > FACING)
+    if views.lacks is not None:  # a shadow ends within the pixel: it is neither lit nor in shadow
+        evident &= views.lacks[some] == 0.0
+    return CastShadows(views.rows, views.columns, to_lamp, np.where(evident, share, np.nan))
 
 
 def separated(net: Graph, normals: NDArray[np.floating], camera: Camera, shadows: CastShadows) -> Graph | None:
