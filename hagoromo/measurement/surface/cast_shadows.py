@@ -38,6 +38,7 @@ ROUNDS, LAST_ROUNDS, FINE_ROUNDS = 16, 8, 4  # of separating, of bounds as uncer
 NARROWER = 1.3  # by how much less stretched edges give way in each of the first
 LEAST_PART = 25  # pixels of a part that has a depth of its own
 WEAK = 1e-6  # weight of where a part is, in weights of bounds: it holds what no edge and no bound does
+BLACK = 1.0 / 3.0  # of that light: below, a pixel beside a lit one is in shadow as a whole
 HALF_LIGHT = np.radians(1.0)  # height of a lamp over the horizon from which all its light arrives, and none below −
 EVIDENT = 0.25  # by how much Σ (predicted share − share)² over lamps must fall where a pixel changes sides of a step
 BETTER = 0.8  # of the misfit of shadows by normals alone: with more nothing is changed
@@ -93,8 +94,8 @@ def cast_shadows(normal_map: NormalMap, trusted: NDArray[np.bool_]) -> CastShado
     values = np.where(np.isfinite(views.values[some]), views.values[some], 0.0)
     share = np.clip(np.sum(values * model, axis=1) / np.maximum(np.sum(model**2, axis=1), 1e-300), 0.0, 1.0)
     evident = trusted[some] & (np.einsum("kpi,pi->kp", to_lamp, fit.normals) > FACING)
-    if views.lacks is not None:  # a shadow ends within the pixel: it is neither lit nor in shadow
-        evident &= views.lacks[some] == 0.0
+    if views.lacks is not None:  # where a shadow ends within the pixel it is neither lit nor in shadow
+        evident &= (views.lacks[some] == 0.0) | (share < BLACK)
     return CastShadows(views.rows, views.columns, to_lamp, np.where(evident, share, np.nan))
 
 
