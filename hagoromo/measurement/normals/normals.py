@@ -131,7 +131,12 @@ def solve_normals(
 
 def smooth(solved: NormalMap) -> NormalMap:
     """`solved` with the normals of a smooth surface where those are nearer: see `smooth_normals`."""
-    return solved.of(with_smooth_normals(solved.views, with_neighbours(solved.views, solved.fit)))
+    return solved.of(_smoothed(solved.views, solved.fit))
+
+
+def _smoothed(views: Views, fit: Fit) -> Fit:
+    """`fit`, of each pixel by itself, with what neighbours say: joined with them, then of a smooth surface."""
+    return with_smooth_normals(views, with_neighbours(views, fit))
 
 
 def with_normals_of_lobes(capture: Capture, solved: NormalMap) -> NormalMap:
@@ -152,7 +157,7 @@ def with_normals_of_lobes(capture: Capture, solved: NormalMap) -> NormalMap:
         pixel_status=pixels.status,
         smooth=None,
     )
-    return solved.of(with_lobes_refined(capture, views, with_smooth_normals(views, with_neighbours(views, moved))))
+    return solved.of(with_lobes_refined(capture, views, _smoothed(views, moved)))
 
 
 def with_shared_errors(solved: NormalMap) -> NormalMap:
@@ -183,7 +188,7 @@ def with_own_gloss(solved: NormalMap) -> NormalMap:
         variance=np.where(varies, fit.variance, pixels.variance),
         smooth=None,
     )
-    return solved.of(with_smooth_normals(views, with_neighbours(views, moved)))
+    return solved.of(_smoothed(views, moved))
 
 
 def solve_with_one_lobe(

@@ -15,9 +15,7 @@ Array = NDArray[np.float64]
 
 DARK = 0.25  # of the brightest neighbour: a darker pixel beside it is in shadow
 HIGHLIGHT = 1.5  # times what lamps make of a pixel in the median: brighter neighbours have a highlight
-LEAST = (
-    0.1  # of what lamps make of a pixel in the median: what is lacking at an edge, at least; curved matter makes less
-)
+LEAST = 0.1  # of what lamps make of a pixel in the median, that an edge lacks; where matter curves it is less
 SIZE = 3  # pixels of a side of the square of neighbours
 
 

@@ -27,7 +27,6 @@ Array = NDArray[np.float64]
 FEWEST_LAMPS = 4  # three determine a Lambertian normal and leave no residual to judge it by
 UNLIT = 1e-6  # of a lamp's largest irradiance: behind an LED it is 0, and nothing can be divided by it
 CLIPPED = 0.98  # of the largest valid value of a photograph: masked values above are clipped
-WHOLE = 0.03  # of a value at the edge of a cast shadow: where it may lack more, and three others do not, it is not used
 DARK = 3.0  # standard deviations of the sensor's noise: values below are shadow and carry little information
 
 
@@ -195,7 +194,7 @@ def views_from_stack(
     to_eye /= np.linalg.norm(to_eye, axis=1, keepdims=True)
     bright, seen = np.stack(used), np.stack(values)
     edge = lacking(seen.mean(axis=1), bright, stack.valid, pixels)
-    whole = bright & (edge <= WHOLE * seen.mean(axis=1))
+    whole = bright & (edge == 0.0)
     bright = np.where(whole.sum(axis=0) >= 3, whole, bright)
     selected = Views(
         values=seen,
