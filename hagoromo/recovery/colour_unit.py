@@ -12,9 +12,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from hagoromo.recovery.lamp_table import LampTable
-from hagoromo.recovery.lattice import Lattice
+from hagoromo.image.relight.yardstick import light_of
 from hagoromo.recovery.matter_shape import MatterShape
 from hagoromo.recovery.object_view import ObjectView
 from hagoromo.recovery.shading import each_gloss
@@ -24,17 +24,17 @@ FAR = 4.0  # factor from it within which values are taken as they are
 BRIGHT = 75  # percentile of the values in a silhouette, and of photographs, that stands for what faces the lamp
 
 
-def colour_unit(views: Sequence[ObjectView], lattice: Lattice) -> float:
-    """Value of a usual body colour over that number; 1 where colours are about usual as they are. lattice: around the
-    object.
+def colour_unit(views: Sequence[ObjectView], middle: NDArray[np.float64]) -> float:
+    """Value of a usual body colour over that number; 1 where colours are about usual as they are. middle: (3,) [m] of
+    the object.
     """
-    lamps = LampTable([view.photograph for view in views], lattice)
     bright = []
-    for number, view in enumerate(views):
-        lit = view.photograph.mask & view.silhouette
-        values = view.photograph.values[lit]
+    for view in views:
+        shot = view.photograph
+        values = shot.values[shot.mask & view.silhouette]
         if values.size:
-            light = lamps.irradiance(number, lattice.middle) / np.pi if lamps.each else 1.0
+            lamps = [light_of(lamp, shot, middle[None])[1].mean() for lamp in shot.lamps]
+            light = float(np.sum(lamps)) / np.pi if lamps else 1.0
             bright.append(float(np.percentile(np.nan_to_num(values).mean(axis=1), BRIGHT)) / max(light, 1e-30))
     found = float(np.percentile(bright, BRIGHT)) / USUAL if bright else 1.0
     return found if found > 0.0 and not 1.0 / FAR <= found <= FAR else 1.0

@@ -17,7 +17,7 @@ from hagoromo.recovery.matter_field import MatterField
 from hagoromo.recovery.pixel_table import CHUNK, Drawn, PixelTable
 from hagoromo.recovery.pixel_tasks import PixelsHere, PixelsOnWorkers
 from hagoromo.recovery.rendering import Rendering, SeenLight
-from hagoromo.recovery.shading import NodeShading
+from hagoromo.recovery.shading import NodeShading, is_matt
 from hagoromo.recovery.share_step import ShareSteps
 
 if TYPE_CHECKING:
@@ -64,7 +64,6 @@ class Descent:
             if on_workers
             else PixelsHere(self.rendering, pixels.limit)
         )
-        self.matt = False  # whether the gloss stays as it is: there is none
         self.random = np.random.default_rng(seed)
         self.moves = field.moves()
         self.choose()
@@ -116,7 +115,7 @@ class Descent:
             wanted = k % LIGHT_EVERY == 0 and (self.look.unknown is not None or self.look.strengths is not None)
             light = self.step(drawn, rate * fall, fall, wanted)
             self._fit_look(k, fall, picked, drawn, light)
-            if self.lamps.each and not self.matt and k % GLOSS_EVERY == GLOSS_EVERY - 1:
+            if self.lamps.each and k % GLOSS_EVERY == GLOSS_EVERY - 1 and not is_matt(self.gloss):
                 many = self.pixels.of(self._pick(GLOSS_DRAW * chunks, total))
                 copies = self.pixels.count / dr.width(many.photograph)
                 slopes = self.work.slopes(many)

@@ -82,9 +82,7 @@ def slopes_in(descent: Descent) -> tuple[Slopes, float]:
     return Slopes(*(np.concatenate(each) for each in zip(*parts, strict=True))), total / len(chosen)
 
 
-def evidence_of(
-    descent: Descent, seen: tuple[Slopes, float] | None = None, coarser: NDArray[np.floating] | None = None
-) -> Evidence:
+def evidence_of(descent: Descent, seen: tuple[Slopes, float], coarser: NDArray[np.floating] | None = None) -> Evidence:
     """What the pixels of a descent say of its result.
 
     seen: its slopes, see `slopes_in`. coarser: the gloss that the level before found; the square of what changed since
@@ -92,7 +90,7 @@ def evidence_of(
     """
     shape = descent.field.shape
     count = int(np.prod(shape))
-    slopes, copies = seen or slopes_in(descent)
+    slopes, copies = seen
     numbers = len(descent.gloss)
     gloss = _gloss_covariance(slopes, copies, numbers) if descent.lamps.each else np.zeros((numbers, numbers))
     if coarser is not None and descent.lamps.each:

@@ -48,20 +48,6 @@ class LampTable:
         rows[..., :3] += np.where(rows[..., 3:4] > 0.0, shifts / self.lattice.voxel, shifts)
         self.rows = lookup(arrays().Float, rows.astype(np.float32).ravel())
 
-    def irradiance(self, photograph: int, place: Array) -> float:
-        """Mean over the channels of what arrives from all lamps of a photograph, on what faces them, at a place (3,) of
-        the world.
-        """
-        total = 0.0
-        for where, near, *rest in zip(*np.split(self.stated[photograph], (3, 4), axis=1), strict=True):
-            strength, axis, power, behind = np.split(rest[0], (3, 6, 7))
-            offset = self.lattice.to_world(where) - place if near > 0.0 else where
-            squared = max(float(offset @ offset), 1e-30)
-            cosine = -float(offset @ axis) / np.sqrt(squared)
-            beam = cosine ** float(power[0]) if cosine > 0.0 else float(behind[0])
-            total += float(strength.mean()) * beam / (squared if near > 0.0 else 1.0)
-        return total
-
     def arriving(self, photograph: UInt, lamp: int, place: Array3f) -> tuple[Array3f, Float, list[Float]]:
         """Unit direction to a lamp, the distance [voxel], and its irradiance in each channel on what faces it."""
         jit, row = arrays(), photograph * self.each + lamp

@@ -61,7 +61,6 @@ class Levels:
         self.workers = workers
         self.start, self.before, self.begin, self.look = start, start, start, look
         self.descent: Descent | None = None
-        self.matt = False  # whether the object has no gloss
 
     @property
     def shape(self) -> MatterShape:
@@ -122,7 +121,6 @@ class Levels:
     def without_gloss(self, steps: int, progress: Progress) -> None:
         """Go on with the last level, without gloss, for some further steps: body colours take what the gloss had."""
         assert self.descent is not None
-        self.matt = self.descent.matt = True
         self.descent.shading.set_gloss(matt(self.descent.gloss))
         softness = LAST_SOFTNESS[1], LAST_SOFTNESS[1]
         rate = FURTHER_RATE * self.descent.moves.rates[1]
@@ -145,10 +143,7 @@ class Levels:
         pixels = PixelTable(reduced, lattice, LAST_MODEL_ERROR if last else MODEL_ERROR, float(np.median(bright)))
         field, seed = begin.field(), self.seed + max(lattice.shape)
         lamps = LampTable(photographs, lattice)
-        gloss = matt(begin.gloss) if self.matt else begin.gloss
-        descent = Descent(field, pixels, lamps, gloss, seed, self.shadows, self.look, self.workers)
-        descent.matt = self.matt
-        return descent
+        return Descent(field, pixels, lamps, begin.gloss, seed, self.shadows, self.look, self.workers)
 
 
 def sides_of(finest: int) -> list[int]:

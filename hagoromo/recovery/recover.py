@@ -30,7 +30,7 @@ from hagoromo.recovery.matter_shape import SHAPES, MatterShape
 from hagoromo.recovery.object_view import ObjectView
 from hagoromo.recovery.pixel_table import CHUNK
 from hagoromo.recovery.recovered import Recovered
-from hagoromo.recovery.shading import order_of
+from hagoromo.recovery.shading import is_matt, matt, order_of
 from hagoromo.recovery.silhouettes import views_of
 from hagoromo.recovery.surface_shape import SurfaceShape
 from hagoromo.recovery.work import Work
@@ -216,10 +216,10 @@ def _recovered(
         if known is None and descent is not None:
             coarser = levels.before.gloss if len(levels.sides) > 1 else None
             seen = slopes_in(descent)
-            known = evidence_of(descent, seen, coarser)
             one = matter.law == "surface" and matter.gloss == "one" and descent.lamps.each
-            if one and feigned(seen[0]):
-                known = evidence_of(descent, seen)  # levels differ in what is no gloss
+            none = bool(one and feigned(seen[0]))
+            known = evidence_of(descent, seen, None if none else coarser)  # levels differ in what is no gloss
+            if none:
                 most = known.materials(descent.gloss)[0]["interval_95"]["beta"][1]
                 known = replace(known, most_beta=most * unit)
                 further = run.part(WHOLE_SHARE if both else 1.0, 0.0, "without gloss")
@@ -227,7 +227,6 @@ def _recovered(
             work.keep(known=known, checkpoints={WHOLE: levels.end})
         if both:
             of_halves = run.part(WHOLE_SHARE, 1.0 - WHOLE_SHARE, "errors")
-            levels.matt = known is not None and known.most_beta is not None
             halves = _halves(levels, settings, matter, of_halves)
             before = levels.before.surface() if len(levels.sides) > 1 else None
             errors = errors_of(
@@ -254,9 +253,18 @@ def _recovered(
 
 
 def _levels(
-    views: Views, settings: RecoverySettings, matter: FoundMatter, look: Look, rays: int, workers: Workers
+    views: Views,
+    settings: RecoverySettings,
+    matter: FoundMatter,
+    look: Look,
+    rays: int,
+    workers: Workers,
+    no_gloss: bool = False,
 ) -> tuple[Levels, float]:
-    """The levels of some views, from their hull, and the unit in which they count body colours."""
+    """The levels of some views, from their hull, and the unit in which they count body colours.
+
+    no_gloss: whether the object is known to be matt.
+    """
     seen = _changed(views, look)
     outlines, stated = outlines_of(seen), views[0].stated
     low, high = box_of(outlines, stated)
@@ -271,7 +279,8 @@ def _levels(
     start = SHAPES[matter.law].of_hull(lattice, hull)
     if isinstance(start, SurfaceShape) and matter.gloss == "places":
         start = start.with_two_glosses()
-    unit = colour_unit(seen, lattice)
+    start = replace(start, gloss=matt(start.gloss)) if no_gloss else start
+    unit = colour_unit(seen, lattice.middle)
     counted = [counted_in(view, unit) for view in views]
     return Levels(counted, start, sides, rays, settings.seed, settings.shadows, look, workers), unit
 
@@ -295,8 +304,9 @@ def _halves(whole: Levels, settings: RecoverySettings, matter: FoundMatter, run:
     for number, (name, views) in enumerate(zip(HALVES, halves_of(whole.views), strict=True)):
         keep = work.keeps(name)
         look = FoundLook.of(whole.look).of_views(views)
-        half, unit = _levels(views, settings, matter, look, settings.rays // 2, run.workers)
-        half.matt, own = whole.matt, run.part(0.5 * number, 0.5)
+        no_gloss = is_matt(whole.shape.gloss)
+        half, unit = _levels(views, settings, matter, look, settings.rays // 2, run.workers, no_gloss)
+        own = run.part(0.5 * number, 0.5)
         half.run(settings.steps, own.progress, keep, work.found.checkpoints.get(name))
         keep(half.end)
         halves.append(counted_back(half.shape, unit))

@@ -223,7 +223,7 @@ class Recovered:
 
     def record(self) -> dict[str, Any]:
         """What was found, as plain data: the file beside a box."""
-        scores, look, errors = self.scores(), self.look, self._errors()
+        scores, look = self.scores(), self.look
         edges = np.array(self.lattice.shape[::-1]) * self.lattice.voxel
         materials = self.evidence.materials(self.gloss) if self.evidence and self.lit else []
         return {
@@ -247,8 +247,8 @@ class Recovered:
             "materials": materials,
             "gloss": self._gloss(),
             "gloss_tried_db": dict(self.gloss_tried),
-            "errors": errors,
-            "remarks": remarks_on(self, self.never_shown),
+            "errors": self._errors(),
+            "remarks": remarks_on(self),
             "kept_aside": [score._asdict() for score in scores],
             "assumptions": dict(self.assumptions),
         }

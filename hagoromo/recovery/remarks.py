@@ -12,13 +12,13 @@ if TYPE_CHECKING:
 UNLIT = 0.1  # share of the surface that no photograph shows lit, from which that is said
 
 
-def remarks_on(recovered: Recovered, never_shown: float) -> list[str]:
-    """All that is said of a recovery. never_shown: share of the surface that no photograph shows lit."""
+def remarks_on(recovered: Recovered) -> list[str]:
+    """All that is said of a recovery."""
     said = [_of_brightness(recovered)] if recovered.brightest > 1.0 else []
-    if never_shown > UNLIT:
+    if recovered.never_shown > UNLIT:
         said.append(
-            f"{100.0 * never_shown:.0f} % of the surface is lit in no photograph: its body colours are not known, and "
-            "it is closed smoothly"
+            f"{100.0 * recovered.never_shown:.0f} % of the surface is lit in no photograph: its body colours are not "
+            "known, and it is closed smoothly"
         )
     return said + said_of(recovered.explained)
 

@@ -16,7 +16,7 @@ FADE = 0.1  # cosθ_r below which light fades to 0: a sudden end has no derivati
 GLOSS = ("beta", "gamma", "n")  # what `NodeShading.gloss` holds, as ln β, ln γ, ln(n − 1)
 TWO_GLOSSES = (*GLOSS, "beta", "gamma")  # of two, which have one n; a place has shares of both
 START = (0.5, 0.25, 1.5)
-NO_GLOSS = 1e-6  # β [1/sr] of a matt object
+NO_GLOSS = 1e-6  # β [1/sr] of a matt object: far below any that is fitted
 APART = 2.5  # factor between the widths of two glosses at the start
 
 
@@ -28,6 +28,11 @@ def coordinates(beta: float, gamma: float, n: float) -> np.ndarray:
 def matt(gloss: np.ndarray) -> np.ndarray:
     """The numbers of no gloss, the others as they were."""
     return np.array([np.log(NO_GLOSS), *np.asarray(gloss, float)[1:]])
+
+
+def is_matt(gloss: np.ndarray) -> bool:
+    """Whether the numbers are those of no gloss."""
+    return bool(gloss[0] < np.log(2.0 * NO_GLOSS))
 
 
 def figures(gloss: np.ndarray) -> tuple[float, float, float]:
