@@ -9,8 +9,9 @@ import pytest
 import hagoromo as hg
 from hagoromo.app.cli import main
 from hagoromo.files.record import read_json
-from hagoromo.measurement.health.examine import examine
+from hagoromo.measurement.health.examine import Examined, examine
 from hagoromo.measurement.health.health import NAMES, Health
+from hagoromo.measurement.health.lamps import FittedLamps
 from hagoromo.photograph.capture import load_capture
 from studies.closely import scene
 from tests.data import DATA, real_data
@@ -95,6 +96,18 @@ def test_the_direction_of_a_wrong_lamp_is_corrected(glossy):
     said = examine(capture).health["lamps"].said
     found = np.array([float(word.strip("(,)")) for word in said.split("at ")[1].split(" by")[0].split()])
     assert np.degrees(np.arccos(found @ true / np.linalg.norm(found))) < 1.5
+
+
+@pytest.mark.parametrize(("spread", "taken"), [(0.12, False), (0.3, True)])
+def test_strengths_that_spread_little_are_left_to_the_fit_of_normals(spread, taken):
+    """Under few lamps they have errors of a tenth; taken, they spoilt what is shown under other lamps."""
+    capture, _ = vase(0.0, size=40)
+    count = len(capture.photographs)
+    strength = np.exp(spread * np.where(np.arange(count) % 2, 1.0, -1.0))
+    lamps = FittedLamps(strength, np.zeros((count, 3)), (0.5, 1.0))
+    assert lamps.uneven
+    after = Examined(Health(checks=()), None, lamps).with_strengths(capture)
+    assert (after is not capture) == taken
 
 
 @pytest.mark.nightly
