@@ -13,7 +13,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from hagoromo.errors import InputError
+from hagoromo.errors import InputError, listed
 from hagoromo.files.checks import existing_file, read_bytes
 from hagoromo.files.record import ForeignRecord, WrittenBy, about, decode, like, read_json
 from hagoromo.files.whole import whole_file
@@ -121,22 +121,19 @@ def lamp_of_each(lamps: Sequence[Lamp], paths: Sequence[Path]) -> tuple[list[Lam
     if len(lamps) != len(paths):
         named = lacking if len(paths) > len(lamps) else spare
         which = (
-            f" ({_some(named)} without its match)" if by_stem and 0 < len(named) < max(len(lamps), len(paths)) else ""
+            f" ({listed(named, NAMES_SHOWN)} without its match)"
+            if by_stem and 0 < len(named) < max(len(lamps), len(paths))
+            else ""
         )
         raise InputError(f"{len(paths)} photographs and {len(lamps)} lamps{which}: give one photograph per lamp")
     if not lacking and len(by_stem) == len(set(stems)) == len(paths):
         return [by_stem[stem] for stem in stems], "by name"
     if 0 < len(lacking) < len(paths):
         raise InputError(
-            f"no lamp has the name of {_some(lacking)}, and no photograph that of {_some(spare)}: correct the names, "
-            "or leave these photographs and lamps out"
+            f"no lamp has the name of {listed(lacking, NAMES_SHOWN)}, and no photograph that of "
+            f"{listed(spare, NAMES_SHOWN)}: correct the names, or leave these photographs and lamps out"
         )
     return list(lamps), "in order, because their names are not those of the photographs"
-
-
-def _some(names: Sequence[str]) -> str:
-    more = f" and {len(names) - NAMES_SHOWN} more" if len(names) > NAMES_SHOWN else ""
-    return ", ".join(names[:NAMES_SHOWN]) + more
 
 
 def _far(direction: Any, name: str, where: str) -> Lamp:

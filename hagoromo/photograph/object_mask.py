@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
 from hagoromo.files.png import read_png
+from hagoromo.least_squares.loss import ROBUST_SCALE
 
 AUTO = "auto"
 SIDE = 512  # [px] of the pictures in which the object is looked for
@@ -117,7 +118,7 @@ def _cut(features: NDArray[np.float32], known: NDArray[np.int8] | None) -> NDArr
     rim[width:-width, width:-width] = False
     background = features[rim]
     middle = np.median(background, axis=0)
-    spread = 1.4826 * np.median(np.abs(background - middle), axis=0) + 0.02
+    spread = ROBUST_SCALE * np.median(np.abs(background - middle), axis=0) + 0.02
     apart = np.sqrt((((features - middle) / spread) ** 2).mean(axis=2))
     level = max(float(threshold_otsu(np.log1p(apart))), float(np.log1p(2.0)))
     likely = np.log1p(apart) > level

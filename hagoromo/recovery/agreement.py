@@ -13,8 +13,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.errors import InputError
-from hagoromo.recovery.hull import ALLOWED, COARSE, LEAST_SHOWN, Outline, box_of, listed, way_to
+from hagoromo.errors import InputError, listed
+from hagoromo.recovery.hull import ALLOWED, COARSE, LEAST_SHOWN, Outline, box_of, way_to
 from hagoromo.recovery.lattice import Lattice
 
 FREE = 2.0  # px that outlines may be wrong by

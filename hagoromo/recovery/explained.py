@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from scipy import ndimage
 
+from hagoromo.errors import listed
+from hagoromo.least_squares.loss import ROBUST_SCALE
 from hagoromo.measurement.surface.tile_store import binned, means
-from hagoromo.recovery.hull import listed
 from hagoromo.recovery.object_view import LEAST_VALID
 
 if TYPE_CHECKING:
@@ -29,7 +30,6 @@ MENDED = 0.75  # share of the residual that is left after a factor, where it is 
 LEAST_LIGHT = 0.1  # of the usual light: darker photographs are not judged by their own
 ODD_REST, LEAST_REST = 3.0, 0.1  # residual of an odd photograph, in usual ones; and least share of its light
 MISSING = 0.1  # share of a mask that is not covered, from which that is said
-NORMAL_MAD = 1.4826  # standard deviations of a normal distribution in its median absolute deviation
 
 
 class Explained(NamedTuple):
@@ -104,4 +104,4 @@ def _rms(values: np.ndarray) -> float:
 def _far(values: np.ndarray) -> np.ndarray:
     """Values that are far from their median, by what is usual among them."""
     away = np.abs(values - np.nanmedian(values))
-    return away > max(ODD_FACTOR, ODD_SPREADS * NORMAL_MAD * float(np.nanmedian(away)))
+    return away > max(ODD_FACTOR, ODD_SPREADS * ROBUST_SCALE * float(np.nanmedian(away)))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from hagoromo.camera.camera import Camera
-from hagoromo.errors import InputError
+from hagoromo.errors import InputError, listed
 from hagoromo.recovery.lattice import Lattice
 from hagoromo.recovery.object_view import ObjectView
 
@@ -21,7 +21,6 @@ ROUNDS = 3
 LEAST_SHOWN = 0.5  # share of the photographs that must show a place of the object
 ALLOWED = 0.15  # share of the photographs whose silhouettes may miss a part, where no masks state them
 CRUMB = 0.01  # size of a part, in that of the largest, below which it is a crumb
-NAMED = 5  # photographs that a message names
 
 
 class Outline(NamedTuple):
@@ -175,8 +174,3 @@ def _said(against: Sequence[str], count: int) -> str:
         f"the masks of {count} photographs meet nowhere: {listed(against) or 'some'} disagree with the others; check "
         "their poses (units, axes) and masks"
     )
-
-
-def listed(names: Sequence[str]) -> str:
-    """Names in a sentence, the first NAMED."""
-    return ", ".join(names[:NAMED]) + (f" and {len(names) - NAMED} more" if len(names) > NAMED else "")

@@ -21,6 +21,7 @@ from hagoromo.calibration.lamps.ball import Array, Ball, grey
 from hagoromo.calibration.opencv_threads import one_thread
 from hagoromo.errors import InputError
 from hagoromo.least_squares.fit_status import scipy_status
+from hagoromo.least_squares.loss import ROBUST_SCALE
 
 Light = NDArray[np.float32]
 WIDEST = 0.22  # of the ball's radius: radius of the disc; a lamp's image is narrower
@@ -90,7 +91,7 @@ def above_surroundings(seen: LightOnBall) -> Light:
 def unevenness(seen: LightOnBall) -> float:
     """Standard deviation [white] of what noise and marks make of the light under FINE_BLUR, by its median."""
     between = blurred(seen.light, FINE_BLUR) - blurred(seen.light, COARSE_BLUR)
-    return 1.4826 * float(np.median(np.abs(between)[seen.on]))
+    return ROBUST_SCALE * float(np.median(np.abs(between)[seen.on]))
 
 
 def blurred(picture: Light, deviation: float) -> Light:
@@ -171,7 +172,7 @@ def shading_of(seen: LightOnBall, ball: Ball) -> BallShading | None:
     )  # fmt: skip
     found = shading(fit.x)
     residuals = found.predicted(normals) - values
-    misfit = 1.4826 * float(np.median(np.abs(residuals - np.median(residuals))))
+    misfit = ROBUST_SCALE * float(np.median(np.abs(residuals - np.median(residuals))))
     fits = scipy_status(fit).converged and found.gain > LEAST_GAIN and misfit < LARGEST_MISFIT * found.gain
     return found if fits else None
 

@@ -22,6 +22,7 @@ from hagoromo.calibration.response.curve_prior import CurvePrior
 from hagoromo.calibration.response.positive_curve import HALF_INTERVAL, PositiveCurve, typical_curve
 from hagoromo.calibration.response.reading_equations import Array
 from hagoromo.calibration.response.reading_transfer import TRANSFER_PRIOR
+from hagoromo.errors import listed
 
 NEAR_TOP = 0.98  # readings above this share of the largest may be clipped
 FEWEST_AT_TOP = 3  # that many pile up there, if any is
@@ -119,9 +120,8 @@ def _repeated(
     return np.sort(np.array(dropped, np.intp))
 
 
-def _listed(rows: NDArray[np.intp], names: Sequence[str], most: int = 8) -> str:
-    said = [str(names[row]) if names else f"pair {row + 1}" for row in rows[:most].tolist()]
-    return ", ".join(said) + (f" and {len(rows) - most} more" if len(rows) > most else "")
+def _listed(rows: NDArray[np.intp], names: Sequence[str]) -> str:
+    return listed([str(names[row]) if names else f"pair {row + 1}" for row in rows.tolist()], 8)
 
 
 class BlackLevel(NamedTuple):

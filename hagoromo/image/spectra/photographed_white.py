@@ -19,6 +19,7 @@ from hagoromo.errors import InputError
 from hagoromo.files.exr import read_exr
 from hagoromo.files.picture import read_picture
 from hagoromo.files.raw import RAW_SUFFIXES
+from hagoromo.least_squares.loss import ROBUST_SCALE
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.spectra.prior_spectra import WAVELENGTHS
 from hagoromo.reflectance.spectra.spectrum_estimate import reading_matrix
@@ -68,7 +69,7 @@ def white_from_chart(
     values, expected = reading.values[usable], expected[usable]
     ratio = values / expected
     white = np.exp(np.median(np.log(np.maximum(ratio, 1e-12)), axis=0))
-    scatter = 1.4826 * np.median(np.abs(ratio / white - 1.0), axis=0)
+    scatter = ROBUST_SCALE * np.median(np.abs(ratio / white - 1.0), axis=0)
     return White(white, scatter)
 
 

@@ -18,6 +18,7 @@ from hagoromo.errors import InputError
 from hagoromo.files.png import read_png
 from hagoromo.image.spectra.chart_correction import ChartCorrection, chart_correction
 from hagoromo.image.spectra.photographed_white import White, read_linear, white_from_chart, white_from_patch
+from hagoromo.least_squares.loss import ROBUST_SCALE
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.measurement.measurement_files import read_surface
 from hagoromo.reflectance.spectra.reflectance_prior import PRIORS, ReflectancePrior
@@ -296,7 +297,7 @@ def _image(
     values = np.concatenate([p / w.reading for p, w in zip(pictures, whites, strict=True)], axis=2)
     scatter = np.concatenate([white.scatter for white in whites])
     steps = np.abs(np.diff(values, axis=1)) / np.sqrt(2.0)
-    noise = 1.4826 * np.nanmedian(steps, axis=(0, 1))
+    noise = ROBUST_SCALE * np.nanmedian(steps, axis=(0, 1))
     errors = np.sqrt(noise**2 + (scatter * values) ** 2 + (FINEST * np.nanmean(values)) ** 2)
     return estimate_spectra(matrix, values, errors, priors, upper)
 

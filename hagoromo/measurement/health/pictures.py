@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hagoromo.least_squares.loss import ROBUST_SCALE
 from hagoromo.measurement.health.health import Check, doubtful, good, not_testable
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.photograph import Photograph
@@ -56,7 +57,7 @@ def blur_check(capture: Capture) -> Check:
     greys = [np.nan_to_num(shot.values[part].astype(np.float64).mean(axis=2)) for shot in shots]
     fineness = [_fineness(grey, inside) for grey in greys]
     off = np.median(fineness) - np.array(fineness)
-    spread = max(1.4826 * float(np.median(np.abs(off))), LEAST_DEVIATION)
+    spread = max(ROBUST_SCALE * float(np.median(np.abs(off))), LEAST_DEVIATION)
     limit = max(BLURRED, CERTAIN * spread)
     soft = [shots[k].name for k in np.flatnonzero(off > limit)]
     usual = int(np.argsort(fineness)[len(fineness) // 2])
