@@ -16,6 +16,7 @@ from typing import get_args
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from hagoromo.camera.camera import Camera
 from hagoromo.cluster.cluster import Workers, here_or_on
@@ -107,7 +108,9 @@ def measure(
     wanted = Wanted(n, labels, colour_from_highlights, facets, interface, own_light, terms_named(estimate))
     rig = Rig.load(rig) if isinstance(rig, (str, Path)) else rig
     where = Where(distance, across, scratch, scheduler)
-    measurement = _assumed(_measured(capture, wanted, where, progress, rig))
+    # Threads of BLAS wait for each other longer than its small systems take: half of the CPU time on a busy machine.
+    with threadpool_limits(limits=1, user_api="blas"):
+        measurement = _assumed(_measured(capture, wanted, where, progress, rig))
     stated = {key: value for key, value in settings.items() if value is not None}
     return replace(measurement, settings=stated, seed=SEED)
 

@@ -5,7 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
+import hagoromo as hg
 from hagoromo.least_squares.loss import CAUCHY_SCALE
 from hagoromo.measurement.normals.lamp_shift import _one, shifted
 from hagoromo.measurement.normals.lobe_samples import RELATIVE_ERROR, samples_of, trust_of
@@ -26,6 +29,22 @@ def test_far_lamps_together_are_far_lamps_one_by_one():
     together = shifted(views, shift, 0.0)
     for one, name in enumerate(together._fields):
         np.testing.assert_allclose(getattr(together, name), np.stack([part[one] for part in each]), atol=3e-5)
+
+
+@pytest.mark.filterwarnings("ignore:exponent")  # the body under a coat darkens late
+def test_a_measurement_has_one_thread_of_blas_and_leaves_the_setting_as_it_was():
+    """So its bits are the same however many cores there are; with more, threads mostly wait for each other."""
+    during: list[int] = []
+
+    def threads() -> dict[str, int]:
+        return {pool["filepath"]: pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"}
+
+    with threadpool_limits(limits=2, user_api="blas"):
+        before = threads()
+        hg.measure(glossy_object("glaze", size=24)[0], progress=lambda *_: during.extend(threads().values()))
+        after = threads()
+    assert set(before.values()) == {2} and set(during) == {1}
+    assert {path: after[path] for path in before} == before
 
 
 def test_bodies_beside_a_highlight_are_those_of_least_squares():
