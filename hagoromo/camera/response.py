@@ -172,6 +172,11 @@ def camera_white(
     return np.array(_reading((_Curve.of(lamp),), response, lo, hi))
 
 
+def white_of(lamp: Spectrum, response: Response | None, channels: int) -> NDArray[np.float64]:
+    """(channels,) `camera_white`; 1 where no response is known."""
+    return np.ones(channels) if response is None else camera_white(lamp, response)
+
+
 @dataclass(frozen=True)
 class _Curve:
     """A spectrum, equal to every other one of the same bits."""

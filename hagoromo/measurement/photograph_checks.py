@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.camera.response import camera_white
+from hagoromo.camera.response import white_of
 from hagoromo.measurement.squares import square_means
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.exponent import FEWEST_LAMPS, Exponent, exponent_of
@@ -103,7 +103,7 @@ def _grey(shot: Photograph, rows: np.ndarray, columns: np.ndarray) -> np.ndarray
 def lamp_light(shot: Photograph) -> float:
     """Sum over the channels of what a white reads of the light of its lamp."""
     lamp, channels = shot.lamps[0], shot.values.shape[2]
-    white = np.ones(channels) if shot.camera.response is None else camera_white(lamp.spectrum, shot.camera.response)
+    white = white_of(lamp.spectrum, shot.camera.response, channels)
     light = np.broadcast_to(np.asarray(lamp.intensity, np.float64) * white, channels)
     return max(float(light.sum()), 1e-300)
 

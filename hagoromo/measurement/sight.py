@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.backend import arrays
-from hagoromo.camera.response import camera_white
+from hagoromo.camera.camera import Camera
+from hagoromo.camera.response import white_of
 from hagoromo.light.lamp import Lamp
 from hagoromo.measurement.facets import facet_density
 from hagoromo.photograph.photograph import Photograph
@@ -158,20 +159,26 @@ def sight_of(photograph: Photograph, points: Array, normals: Array, lamp_colour:
     view = np.einsum("ni,ni->n", normals, to_eye)
     columns, irradiances = [], []
     for lamp in photograph.lamps:
-        to_lamp, irradiance = lamp.direction_and_irradiance(points)
+        to_lamp, irradiance = light_of(lamp, photograph.camera, photograph.values.shape[2], points, lamp_colour)
         incidence = np.einsum("ni,ni->n", normals, to_lamp)
         # V·Q = √((1 + L·V)/2), N·Q = (N·L + N·V) / (2 V·Q)
         deviation = np.sqrt(np.maximum(0.5 + 0.5 * np.einsum("ni,ni->n", to_lamp, to_eye), 1e-12))
         columns.append((incidence, view, np.clip(0.5 * (incidence + view) / deviation, -1.0, 1.0), deviation))
-        scale = _white(photograph, lamp) if lamp_colour is None else lamp_colour
-        irradiances.append((irradiance if irradiance.ndim == 2 else irradiance[:, None]) * scale)
+        irradiances.append(irradiance)
     cosines = Cosines(*(np.stack(column, axis=1) for column in zip(*columns, strict=True)))
     return Sight(cosines, np.stack(irradiances, axis=1))
 
 
-def _white(photograph: Photograph, lamp: Lamp) -> Array:
-    response = photograph.camera.response
-    return np.ones(photograph.values.shape[2]) if response is None else camera_white(lamp.spectrum, response)
+def light_of(
+    lamp: Lamp, camera: Camera, channels: int, points: Array, colour: Array | None = None
+) -> tuple[Array, Array]:
+    """Directions to the lamp (N, 3) from points (N, 3) [m], and its irradiance there (N, C) as the camera reads it.
+
+    colour: (C,) white of the lamp; if absent, that of its spectrum.
+    """
+    to_lamp, irradiance = lamp.direction_and_irradiance(points)
+    white = white_of(lamp.spectrum, camera.response, channels) if colour is None else colour
+    return to_lamp, (irradiance if irradiance.ndim == 2 else irradiance[:, None]) * white
 
 
 def _unit(vectors: Array) -> Array:

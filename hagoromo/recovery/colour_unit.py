@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.image.relight.yardstick import light_of
+from hagoromo.measurement.sight import light_of
 from hagoromo.recovery.matter_shape import MatterShape
 from hagoromo.recovery.object_view import ObjectView
 from hagoromo.recovery.shading import each_gloss
@@ -33,7 +33,8 @@ def colour_unit(views: Sequence[ObjectView], middle: NDArray[np.float64]) -> flo
         shot = view.photograph
         values = shot.values[shot.mask & view.silhouette]
         if values.size:
-            lamps = [light_of(lamp, shot, middle[None])[1].mean() for lamp in shot.lamps]
+            camera, channels = shot.camera, values.shape[1]
+            lamps = [light_of(lamp, camera, channels, middle[None])[1].mean() for lamp in shot.lamps]
             light = float(np.sum(lamps)) / np.pi if lamps else 1.0
             bright.append(float(np.percentile(np.nan_to_num(values).mean(axis=1), BRIGHT)) / max(light, 1e-30))
     found = float(np.percentile(bright, BRIGHT)) / USUAL if bright else 1.0

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.backend import Array3f, Float, UInt, arrays, lookup
-from hagoromo.camera.response import camera_white
+from hagoromo.camera.response import white_of
 from hagoromo.errors import InputError
 from hagoromo.light.lamp import Lamp
 from hagoromo.photograph.photograph import Photograph
@@ -76,7 +76,7 @@ def _row(lamp: Lamp, photograph: Photograph, lattice: Lattice) -> Array:
             "(axis_power); give the nearest axis_power"
         )
     response, count = photograph.camera.response, photograph.values.shape[2]
-    white = np.ones(count) if response is None else camera_white(lamp.spectrum, response)
+    white = white_of(lamp.spectrum, response, count)
     place = lattice.from_world(lamp.place[None])[0] if lamp.near else lamp.place
     power = float(beam.get("axis_power", 0.0))
     axis = np.asarray(beam.get("axis", (0.0, 0.0, 0.0)), float)

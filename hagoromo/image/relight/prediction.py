@@ -29,14 +29,13 @@ from hagoromo.image.compare import Comparison, compare
 from hagoromo.image.relight.forecast import ShownLight
 from hagoromo.image.relight.learnt import Learnt
 from hagoromo.image.relight.stage import Stage
-from hagoromo.image.relight.yardstick import light_of
 from hagoromo.image.render import render
 from hagoromo.image.scene_file import load_scene
 from hagoromo.light.colour import srgb_encode
 from hagoromo.light.lamp import Lamp
 from hagoromo.measurement.material.material_objective import interface_of
 from hagoromo.measurement.normals.views import DARK, Views
-from hagoromo.measurement.sight import sight_of
+from hagoromo.measurement.sight import light_of, sight_of
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.reflectance.spectra.body_basis import body_basis
 
@@ -297,7 +296,7 @@ def _with_learnt(
     views, whole = learnt.solved.views, np.sum(lit, axis=0)
     total = np.zeros((len(views.rows), whole.shape[2]))
     for photograph, values, share in zip(alone, lit, passed, strict=True):
-        to_lamp, light = light_of(photograph.lamps[0], photograph, views.points)
+        to_lamp, light = light_of(photograph.lamps[0], photograph.camera, whole.shape[2], views.points)
         light = np.maximum(light, 1e-12 * light.max())
         total += light * learnt.added((values[views.rows, views.columns] / light).T, to_lamp, share).T
     whole[views.rows, views.columns] = total
@@ -306,7 +305,8 @@ def _with_learnt(
 
 def _per_irradiance(photograph: Photograph, values: Array, views: Views) -> ShownLight:
     """What values (h, w, 3) under all lamps of the photograph show per unit of their irradiance."""
-    light = np.sum([light_of(lamp, photograph, views.points)[1] for lamp in photograph.lamps], axis=0)
+    camera, channels = photograph.camera, values.shape[2]
+    light = np.sum([light_of(lamp, camera, channels, views.points)[1] for lamp in photograph.lamps], axis=0)
     return ShownLight.of(values[views.rows, views.columns] / np.maximum(light, 1e-12 * light.max()))
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from hagoromo.camera.camera import Camera
 from hagoromo.camera.formats.camera_file import write_views
-from hagoromo.camera.response import Response, camera_white
+from hagoromo.camera.response import Response, camera_white, white_of
 from hagoromo.errors import InputError
 from hagoromo.files.toml_text import toml_text
 from hagoromo.files.whole import write_text
@@ -107,9 +107,7 @@ class Stage:
                     f"lamp {lamp.name!r} has an intensity per channel, the measured lamps have a spectrum: give one"
                 )
             return record_from_lamp(replace(lamp, intensity=lamp.intensity / self.dim))
-        reads = np.broadcast_to(lamp.intensity, 3) * (
-            1.0 if response is None else camera_white(lamp.spectrum, response)
-        )
+        reads = np.broadcast_to(lamp.intensity, 3) * white_of(lamp.spectrum, response, 3)
         knots = [(w, value) for band, value in zip(BASIS_BANDS_NM[::-1], reads[::-1], strict=True) for w in band]
         return record_from_lamp(replace(lamp, intensity=1.0 / self.dim, spectrum=Spectrum(*zip(*knots, strict=True))))
 
@@ -147,7 +145,7 @@ def _grey(photograph: Photograph) -> Photograph:
     response = photograph.camera.response
     lamps = []
     for lamp in photograph.lamps:
-        white = 1.0 if response is None else float(camera_white(lamp.spectrum, response)[0])
+        white = float(white_of(lamp.spectrum, response, 1)[0])
         lamps.append(
             replace(lamp, intensity=white * float(np.ravel(lamp.intensity)[0]), spectrum=Spectrum.constant(1.0))
         )

@@ -7,11 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.camera.response import camera_white
-from hagoromo.light.lamp import Lamp
 from hagoromo.measurement.measurement import Measurement
 from hagoromo.measurement.normals.normals import least_squares_lambert
 from hagoromo.measurement.normals.views import Views, views_from_capture
+from hagoromo.measurement.sight import light_of
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.photograph import Photograph
 
@@ -30,18 +29,10 @@ class Yardstick:
         """(h, w, C) what Lambert's law gives under the lamps of `photograph`, without shadows; 0 where unknown."""
         total = np.zeros((len(self.views.rows), len(self.body)))
         for lamp in photograph.lamps:
-            to_lamp, light = light_of(lamp, photograph, self.views.points)
+            to_lamp, light = light_of(lamp, photograph.camera, len(self.body), self.views.points)
             incidence = np.maximum(np.einsum("pi,pi->p", self.normals, to_lamp), 0.0)
             total += self.body.T * incidence[:, None] * light
         return np.asarray(self.views.image(total), np.float64)
-
-
-def light_of(lamp: Lamp, photograph: Photograph, points: Array) -> tuple[Array, Array]:
-    """Directions to a lamp of `photograph` (P, 3), and its irradiance (P, C or 1) in the values of the photograph."""
-    to_lamp, irradiance = lamp.direction_and_irradiance(points)
-    light = irradiance if irradiance.ndim == 2 else irradiance[:, None]
-    response = photograph.camera.response
-    return to_lamp, light if response is None else light * camera_white(lamp.spectrum, response)
 
 
 def yardstick_of(capture: Capture, measurement: Measurement) -> Yardstick | None:

@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.camera.camera import Camera
-from hagoromo.camera.response import camera_white
 from hagoromo.errors import InputError
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.lamp_spread import LARGEST_CONDITION, condition_of
 from hagoromo.measurement.normals.shadow_edges import lacking
+from hagoromo.measurement.sight import light_of
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.photograph import Photograph
 
@@ -184,7 +184,8 @@ def views_from_stack(
     values, variance, lights, used, to_lamp = [], [], [], [], []
     for k, lamp in enumerate(lamps):
         value, noise = (part[k].astype(np.float64) for part in (stack.values, stack.variance))
-        direction, light = _light(lamp, camera, value.shape[1], points)
+        direction, light = light_of(lamp, camera, value.shape[1], points)
+        light = np.maximum(light, UNLIT * light.max())
         used.append(stack.valid[k] & (value.mean(axis=1) > DARK * np.sqrt(noise.mean(axis=1))))
         values.append((value / light).T)
         variance.append((noise / light**2).T)
@@ -234,14 +235,6 @@ def check_lamps(photographs: Sequence[Photograph], fewest: int = FEWEST_LAMPS) -
             raise InputError(f"photograph {photograph.name!r} is of another camera or size: normals need a fixed one")
     if len(photographs) < fewest:
         raise InputError(f"{len(photographs)} photographs do not determine normals: give {FEWEST_LAMPS} lamps or more")
-
-
-def _light(lamp: Lamp, camera: Camera, channels: int, points: Array) -> tuple[Array, Array]:
-    """Directions to the lamp (P, 3) and its irradiance (P, C) in the channels of the camera."""
-    direction, irradiance = lamp.direction_and_irradiance(points)
-    scale = np.ones(channels) if camera.response is None else camera_white(lamp.spectrum, camera.response)
-    light = (irradiance if irradiance.ndim == 2 else irradiance[:, None]) * scale
-    return direction, np.maximum(light, UNLIT * light.max())
 
 
 def _points(capture: Capture, rows: NDArray[np.intp], columns: NDArray[np.intp]) -> Array:
