@@ -12,6 +12,7 @@ from hagoromo_page.lab.step import LabStep
 
 OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]*")
 OFFER = re.compile(rf"{re.escape(OFFERED)} \(--mask (?P<circle>[-\d.,]+) or [^)]*\), else {re.escape(PAINT)}")
+COMMAND = re.compile(r" \(hagoromo [a-z ]+\)")  # that the window has no step for
 ASKED = re.compile(r", and no terminal to ask at: .*")  # of `archive` without a profile
 FILL_IN = ": fill in Made by, Institution and Licence under Who, where, with what"
 DRAW, LOOK = "draw its circle with the tool Ball", "look at it, and drag it onto the ball"
@@ -33,7 +34,7 @@ def in_the_window(line: str, step: LabStep, table: Sequence[LabStep]) -> Said:
         circle = x, y, radius
         line = OFFER.sub(LOOK, line)
     labels = dict(_labels([*table[::-1], step]))
-    line = ASKED.sub(FILL_IN, line.replace(PAINT, DRAW))
+    line = COMMAND.sub("", ASKED.sub(FILL_IN, line.replace(PAINT, DRAW)))
     text = OPTION.sub(lambda found: labels.get(found[0], found[0]), line)
     return Said(text, circle)
 

@@ -293,6 +293,7 @@ def test_a_step_that_fails_ends_the_chain_and_cancel_begins_no_other(laboratory,
             "state transfer (Transfer), or give --bracket",
             None,
         ),
+        ("measure", "measure a rig (hagoromo calibrate rig) and give --rig", "measure a rig and give Rig", None),
         ("archive", "no profile x.toml, and no terminal to ask at: write one", f"no profile x.toml{FILL_IN}", None),
     ],
 )

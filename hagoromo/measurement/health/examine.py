@@ -34,7 +34,7 @@ LEAST_TAKEN = 0.2  # standard deviation of ln strength, from which strengths nob
 CURVE = "the transfer is to be mended first"
 CONFOUNDED = (
     "the surface is so flat that lamps of uneven strength and values that are not linear look alike: state the "
-    "strengths, or measure them with calibrate rig and give --rig"
+    "strengths, or measure a rig on other objects (hagoromo calibrate rig) and give --rig"
 )
 FIRST = "the order of the photographs is to be mended first"
 

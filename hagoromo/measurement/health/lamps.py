@@ -128,7 +128,7 @@ def strengths_check(shading: ShadingSample, found: FittedLamps) -> Check:
         "strengths",
         f"the lamps differ from the stated strengths by {spread:.2g} % (root mean square), {shading.names[far]} by a "
         f"factor {found.strength[far]:.3g}",
-        "measure them with calibrate rig and give --rig, or state them",
+        "measure a rig on other objects (hagoromo calibrate rig) and give --rig, or state them",
     )
 
 
