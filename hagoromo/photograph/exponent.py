@@ -34,7 +34,8 @@ EVIDENT = 0.8  # misfit with gloss over that without, from which it is taken out
 PIXEL_GROUPS, LAMP_GROUPS = 8, 6  # that are left out, one after the other, for the error of the exponent (jackknife)
 LEAST_ERROR = 0.01  # of ln p: matte balls in 8 bits under exact lamps come out 0.98 to 1.02
 SIGNIFICANT = 2.0  # standard errors from 1
-# Limits of the exponent of linear values. Below: rough and porous matter, which darkens late, has 0.87 to 1. Above:
+ROUGH = 0.87  # least exponent of linear values of rough and porous matter, which darkens late
+# Limits of the exponent of linear values. Below: that of rough matter, and lamps that are off. Above:
 # half of the way to 2.2. With lamps that are 1° to 8° off, twelve real sets have 0.92 to 1.31.
 LOWEST, HIGHEST = 0.8, 2.2**0.5
 Finding = Literal["linear", "uncertain", "doubtful", "bent"]
@@ -95,8 +96,10 @@ class Exponent:
         )  # fmt: skip
         if self.bent:
             return f"{figure}, 1 expected: the photographs look as if they were {curve}"
-        other = "" if self.value > 1.0 else ", or the matter is rough and darkens late"
-        return f"{figure}, and linear values have 1: perhaps the photographs were {curve}, or the lamps are off{other}"
+        causes = [f"the photographs were {curve}", "the lamps are off"]
+        if self.value < 1.0:
+            causes.insert(0 if self.value >= ROUGH else 2, "the matter is rough and darkens late")
+        return f"{figure}, and linear values have 1: perhaps {', or '.join(causes)}"
 
     @property
     def advice(self) -> str:
