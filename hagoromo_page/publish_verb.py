@@ -21,6 +21,7 @@ def publish(
     capture: Path | None = None,
     title: str = "",
     fact: UseAppendAction[tuple[str, ...]] = (),
+    notes: Path | None = None,
     lamps: Annotated[int | None, arg(help=f"how many lamps a box or scene is rendered under; default: {LAMPS}")] = None,
     error: float | None = None,
     force: Force = False,
@@ -35,6 +36,7 @@ def publish(
         capture: folder that was measured: photographs to compare with.
         title: of the page: what the object is called; without it the name that the capture, or the box, states.
         fact: NAME=TEXT that the page says of the object, such as "Inventory number=1889.12"; any number of them.
+        notes: file of notes on places of the photographs, as the page saves them (W3C Web Annotation).
         error: of display values between the lamps of a box or scene, of 255: lamps are added until it is reached,
             512 at most; without it, as many as --lamps says.
     """
@@ -45,8 +47,9 @@ def publish(
         option = "--error" if lamps is None else "--lamps"
         raise hg.InputError(f"a measured object is lit by its reflectance, from everywhere: leave {option} out")
     facts = _facts(fact)
-    if boxes and facts:
-        raise hg.InputError(f"{measured} is no measured object: leave --fact out")
+    for option in (["--fact"] if facts else []) + (["--notes"] if notes is not None else []):
+        if boxes:
+            raise hg.InputError(f"{measured} is no measured object: leave {option} out")
     with progress_bar("publish") as progress:
         if boxes:
             count = LAMPS if lamps is None else lamps
@@ -55,7 +58,9 @@ def publish(
             )
             said = [str(page)]
         else:
-            page = hg.publish(measured, out, capture=capture, title=title, facts=facts, force=force, progress=progress)
+            page = hg.publish(
+                measured, out, capture=capture, title=title, facts=facts, notes=notes, force=force, progress=progress
+            )
             said = [str(page), *(f"lost of {each}" for each in page.lost)]
     say(*said)
     wrote(out if out.suffix.lower() in (".html", ".htm") else out / "index.html")

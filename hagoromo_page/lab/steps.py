@@ -5,6 +5,7 @@ A command runs in the chosen folder, so its paths are those that a person sees t
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 from hagoromo.errors import InputError
@@ -85,14 +86,23 @@ def _curve(folder: Folder) -> str:
     return "estimate" if folder.eight_bits else ""
 
 
-def _rigs(folder: Folder) -> dict[str, str]:
-    files = [one for one in folder.beside if Path(one).suffix == ".json" and "rig" in Path(one).stem.lower()]
-    return {"": "none", **{one: one for one in files if not one.startswith("-")}}
+def _called_like(word: str) -> Callable[[Folder], dict[str, str]]:
+    """Choices of the JSON files beside the photographs that have the word in their name."""
+
+    def files(folder: Folder) -> dict[str, str]:
+        found = [one for one in folder.beside if Path(one).suffix == ".json" and word in Path(one).stem.lower()]
+        return {"": "none", **{one: one for one in found if not one.startswith("-")}}
+
+    return files
+
+
+_rigs, _notes = _called_like("rig"), _called_like("notes")
 
 
 def _cameras(folder: Folder) -> dict[str, str]:
     files = [one for one in folder.beside if Path(one).suffix.lower() in CAMERAS and not one.startswith("-")]
-    files = [one for one in files if Path(one).name not in NO_CAMERAS and one not in _rigs(folder)]
+    others = {*NO_CAMERAS, *_rigs(folder), *_notes(folder)}
+    files = [one for one in files if not others & {one, Path(one).name}]
     return {"": "from the EXIF", "orthographic": "orthographic", **{one: one for one in files}}
 
 
@@ -212,6 +222,7 @@ PUBLISH_STEP = LabStep(
     ("publish",), _published, PAGE,
     options=(
         Option("title", "Title", "--title", default=_called, hint="what the object is called"),
+        Option("notes", "Notes", "--notes", _notes),
     ),
     after=(MEASURE_STEP,), opens=("",),
 )  # fmt: skip

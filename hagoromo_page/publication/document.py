@@ -17,7 +17,7 @@ from hagoromo.files.sources import sources
 from hagoromo.version import __version__
 
 FOLDER = "page"
-PARTS = ("stack.js", "profile.js")  # of viewer.js, which stand where it names them
+PARTS = ("stack.js", "profile.js", "notes.js")  # of viewer.js, which stand where it names them
 WIDE = 2.0  # width of a picture over its height, from which its controls stand below it
 ABOUT = "Measured from photographs; lit as it was measured."
 
@@ -36,7 +36,7 @@ class Viewer:
 
 @cache
 def part(name: str) -> str:
-    """A file of the viewer: viewer.js, stack.js, profile.js, viewer.css, viewer.html, page.css, or a shader (.frag)."""
+    """A file of the viewer: viewer.js or one of its `PARTS`, viewer.css, viewer.html, page.css, or a shader (.frag)."""
     return files("hagoromo_page.publication").joinpath(FOLDER, name).read_text(encoding="utf-8")
 
 

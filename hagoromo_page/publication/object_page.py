@@ -24,6 +24,7 @@ from hagoromo.reflectance.torrance_sparrow import normal_fresnel
 from hagoromo_page.publication.closely import BENT_STOPS, OPEN_STOPS, CloseLook
 from hagoromo_page.publication.colours import PageColours, page_colours
 from hagoromo_page.publication.document import Viewer, overhead
+from hagoromo_page.publication.notes import Note
 from hagoromo_page.publication.page_lamps import PageLamp, jpeg_text, middle_of, page_lamp, photograph_picture
 from hagoromo_page.publication.planes import PackedPlanes, pack_planes
 from hagoromo_page.publication.quantised import ERROR_ENDS, Quantised, quantised, scale_of
@@ -62,6 +63,7 @@ class PageSource:
     assumptions: tuple[str, ...] = ()
     look: CloseLook | None = None
     facts: tuple[tuple[str, str], ...] = ()
+    notes: tuple[Note, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,6 +155,8 @@ def _data(
         "title": maps.name,
         "note": _note(maps, pixel),
         "facts": source.facts,
+        "notes": source.notes,
+        "corner": [maps.x, maps.y],
         "assumptions": [*source.assumptions, *_own_assumptions(maps, colours)],
         "alone": True,
         "folder": False,

@@ -19,6 +19,7 @@ from hagoromo.progress import Progress, silent
 from hagoromo.reflectance.parameters import losses
 from hagoromo_page.publication.closely import close_look
 from hagoromo_page.publication.document import document
+from hagoromo_page.publication.notes import read_notes
 from hagoromo_page.publication.object_page import PageSource, single_page, tiled_page
 from hagoromo_page.publication.page_lamps import chosen
 from hagoromo_page.publication.surface_maps import surface_maps
@@ -57,6 +58,7 @@ def publish(
     capture: Capture | str | Path | None = None,
     title: str = "",
     facts: Mapping[str, str] | None = None,
+    notes: str | Path | None = None,
     limit: int = LIMIT_BYTES,
     force: bool = False,
     progress: Progress = silent,
@@ -67,14 +69,18 @@ def publish(
     is reduced where it must be; any other name is a folder with index.html and tiles at full resolution. capture: that
     was measured, or its folder: photographs to compare with; a `Measurement` that was just made has its own. title: of
     the page, which is the object's name; without one the name that the capture states (`name` of transforms.json).
-    facts: what else the page says of the object, by name: an inventory number, an institution, a licence.
+    facts: what else the page says of the object, by name: an inventory number, an institution, a licence. notes: file
+    of notes on places of the photographs (W3C Web Annotation), as a page saves them.
 
     `InputError` for a measurement of version 0.2 without its capture, or one that does not fit to it.
     """
     target = Path(out)
     source = measured if isinstance(measured, Measurement) else Measurement.load(measured)
     shots = capture if isinstance(capture, Capture) or capture is None else load_capture(capture)
-    found = replace(page_source(source, shots, title, closely=True), facts=tuple((facts or {}).items()))
+    height, width = (source if source.fine is None else source.fine).labels.shape
+    written = () if notes is None else read_notes(notes, (width, height))
+    found = page_source(source, shots, title, closely=True)
+    found = replace(found, facts=tuple((facts or {}).items()), notes=written)
     progress(0.3, "maps")
     if target.suffix.lower() in (".html", ".htm"):
         page = single_page(found, limit)

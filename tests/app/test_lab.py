@@ -118,6 +118,22 @@ def test_a_message_that_is_too_large_or_states_no_length_is_refused_unread(serve
         served.laboratory.do({"do": "stroke", "paints": "object", "radius": 1.0, "points": points})
 
 
+def test_files_beside_the_photographs_are_offered_where_they_belong(root, laboratory):
+    for name in ("rig.json", "my notes.json", "canon.json"):
+        (root / "vase" / name).write_text("{}", encoding="utf-8")
+    offered = {
+        (step, option.name): set(option.choices(laboratory.folder())) - {"", "orthographic"}
+        for step in ("capture", "measure", "publish")
+        for option in STEPS[step].options
+        if option.name in ("camera", "rig", "notes") and option.choices is not None
+    }
+    assert offered == {
+        ("capture", "camera"): {"canon.json"},
+        ("measure", "rig"): {"rig.json"},
+        ("publish", "notes"): {"my notes.json"},
+    }
+
+
 def test_nothing_outside_of_the_folder_is_shown(served, root, tmp_path):
     (root / "way_out").symlink_to(tmp_path / "secret")
     (root / "vase" / "5.png").symlink_to(tmp_path / "secret" / "0.png")

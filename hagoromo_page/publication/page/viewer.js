@@ -519,9 +519,11 @@ function drawOverlay() {
     overlay.append(element("line", { class: "hv-split", x1: other.x / ratio, y1: other.y / ratio,
       x2: (other.x ? other.x : canvas.width) / ratio, y2: (other.y ? other.y : canvas.height) / ratio }));
   }
-  if (!ruler) return;
   const pane = all[all.length - 1];
   const at = (p) => [(pane.x + pane.width / 2 + (p[0] - state.x) * state.scale) / ratio, (pane.y + pane.height / 2 + (p[1] - state.y) * state.scale) / ratio];
+  drawBar(pane, ratio);
+  drawNotes(at);
+  if (!ruler) return;
   const [a, b] = [at(ruler[0]), at(ruler[1])];
   overlay.append(element("line", { x1: a[0], y1: a[1], x2: b[0], y2: b[1] }));
   for (const p of [a, b]) overlay.append(element("line", { x1: p[0] - (b[1] - a[1]) * 0.03, y1: p[1] + (b[0] - a[0]) * 0.03, x2: p[0] + (b[1] - a[1]) * 0.03, y2: p[1] - (b[0] - a[0]) * 0.03 }));
@@ -530,6 +532,8 @@ function drawOverlay() {
 }
 
 // <profile.js>
+
+// <notes.js>
 
 // ---------------------------------------------------------------- controls
 
@@ -668,6 +672,7 @@ function connect() {
   for (const one of document.querySelectorAll("[data-zoom]")) one.addEventListener("click", () => zoomTo(one.dataset.zoom));
   connectPad();
   connectCanvas();
+  connectNotes();
   document.addEventListener("keydown", key);
   document.addEventListener("keyup", (happened) => { if (happened.key === " ") space = false; });
   new ResizeObserver(() => { ask(); plotHeights(); }).observe(frame);
@@ -725,12 +730,14 @@ function connectCanvas() {
     spread = apart();
     last = middle();
     if (action === "light") lamp(p);
+    if (action === "note") { happened.preventDefault(); noteAt(...toPage(...p)); }
     if (action === "ruler" || action === "profile") { const start = toPage(...p); ruler = [start, start]; follow(action === "profile"); ask(); }
   });
   canvas.addEventListener("pointermove", (happened) => {
     if (!pointers.has(happened.pointerId)) return;
     const p = at(happened);
     pointers.set(happened.pointerId, p);
+    if (action === "note") return;
     if (action === "light" || action === "ruler" || action === "profile") last = p;
     if (action === "light") lamp(p);
     else if (action === "ruler" || action === "profile") { ruler = [ruler[0], toPage(...p)]; follow(action === "profile"); ask(); }
@@ -770,6 +777,7 @@ function key(happened) {
   const acts = {
     "+": () => zoomTo("in"), "=": () => zoomTo("in"), "-": () => zoomTo("out"), 0: () => zoomTo("fit"), 1: () => zoomTo("one"),
     l: () => turnTo("light"), m: () => turnTo("move"), r: () => turnTo("ruler"), h: () => { if (data.scales.depth && !data.stack) turnTo("profile"); },
+    n: () => turnTo("note"),
     v: () => { state.view = (state.view + 1) % VIEWS.length; changed(); },
     s: () => { state.shadows = !state.shadows && CASTS; changed(); },
     p: () => { if (data.photographs.length) compare(((state.photograph + 2) % (data.photographs.length + 1)) - 1); },
@@ -824,4 +832,4 @@ const ready = start().catch((error) => { message.hidden = false; message.textCon
 canvas.addEventListener("webglcontextlost", () => { message.hidden = false; message.textContent = "The graphics processor was reset: load the page again."; });
 const compared = () => state.photograph in photographTextures;  // whether the photograph has been decoded
 const picture = () => { draw(); return canvas.toDataURL(); };  // all that the page shows now, as a PNG
-window.hagoromo = { ready, state, pixels, picture, compared, length: lengthText, profile: (a, b) => { ruler = [a, b]; follow(true); ask(); return heights; }, framesPerSecond, redraw: changed, tiles: () => tiles.size, light: () => state.lamps.map(light) };
+window.hagoromo = { ready, state, pixels, picture, compared, length: lengthText, notes: () => JSON.parse(notesFile()), takeNotes, profile: (a, b) => { ruler = [a, b]; follow(true); ask(); return heights; }, framesPerSecond, redraw: changed, tiles: () => tiles.size, light: () => state.lamps.map(light) };
