@@ -1,5 +1,6 @@
 """Materials by colour: an edge between two colours makes two, a smooth gradient of one colour makes one."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -46,6 +47,18 @@ def test_two_colours_with_an_edge_are_two(blur):
     assert labels.max() == 1
     known = labels >= 0
     assert max(np.mean((labels == k)[known] == (share > 0.5)[known]) for k in range(2)) > 0.95
+
+
+def test_a_cast_shadow_makes_no_hole():
+    """A patch is in shadow in the photograph that its body colour would be read from, and lit in the others."""
+    capture = ball((COLUMNS > 0.1).astype(float))
+    plain, patch = segment(capture), (abs(ROWS) < 0.1) & (abs(COLUMNS - 0.4) < 0.1)
+    for number, photograph in enumerate(capture.photographs):
+        values = np.where(patch[..., None], 0.0, photograph.values)
+        shadowed = replace(photograph, values=values)
+        photographs = tuple(shadowed if k == number else one for k, one in enumerate(capture.photographs))
+        labels = segment(replace(capture, photographs=photographs))
+        assert (labels[patch] == plain[patch]).mean() > 0.95, number
 
 
 def test_two_colours_that_do_not_touch_are_two():
