@@ -20,6 +20,7 @@ def remarks_on(recovered: Recovered) -> list[str]:
             f"{100.0 * recovered.never_shown:.0f} % of the surface is lit in no photograph: its body colours are not "
             "known, and it is closed smoothly"
         )
+    said += [] if recovered.masks is None else [recovered.masks.said]
     return said + said_of(recovered.explained)
 
 
