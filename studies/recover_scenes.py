@@ -26,7 +26,7 @@ RADIUS = 0.05  # m, about that of the object
 FOCAL = 5.2  # in widths of a photograph
 FULL_WELL, READ_NOISE, BITS = 20_000.0, 8.0, 12
 ALPHA = 1.0 / np.pi
-SURFACE, MOST_STEPS = 2e-6, 160  # m from the surface that counts as on it
+SURFACE, MOST_STEPS = 2e-6, 1500  # m from the surface that counts as on it; steps of a ray along a flat face
 OVERSAMPLED = 2  # rays along a side of a pixel
 
 
@@ -79,7 +79,8 @@ class Shots:
 class Simulated:
     """A capture, and the exact light of each photograph (h, w, 3), its normals (h, w, 3) and points, NaN beside it.
 
-    shares: (h, w) of each pixel that the object covers. strengths, places: true ones of the photographs' first lamps. cameras: the true ones, where the capture has others.
+    shares: (h, w) of each pixel that the object covers. strengths, places: true ones of the photographs' first lamps.
+    cameras: the true ones, where the capture has others.
     """
 
     capture: hg.Capture

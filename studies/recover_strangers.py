@@ -2,8 +2,8 @@
 
     python -m studies.recover_strangers --out out/recover_strangers [--only NAME …]
 
-24 views of 144² pixels, a near lamp each, 5 to 60° off the eye, 12 bits, noise; 40 nodes, 100 steps of each level. Four new
-views each are predicted, against exact light, unscaled, over all pixels. table.md has the rows as a table.
+24 views of 144² pixels, a near lamp each, 5 to 60° off the eye, 12 bits, noise; 40 nodes, 100 steps of each level. Four
+new views each are predicted, against exact light, unscaled, over all pixels. table.md has the rows as a table.
 """
 
 from __future__ import annotations
@@ -14,9 +14,8 @@ import json
 import time
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -24,7 +23,7 @@ import hagoromo as hg
 from hagoromo.backend import vectors
 from studies.path_scenes import path_simulated, shape_mesh
 from studies.recover_scenes import Simulated, TrueObject, shots, simulated
-from studies.recovery_scores import covered, psnr, shape_errors
+from studies.recovery_scores import covered, gloss_held, psnr, shape_errors
 from studies.strange_captures import (
     Bowl,
     Cube,
@@ -50,24 +49,26 @@ HOME = Path("out/recover_strangers")  # of files that a row needs
 
 @dataclass(frozen=True)
 class Stranger:
-    """A capture. words: what is strange. made: it. truth: the object. size: factor on the usual one. settings: others
-    than usual. path: whether light goes from one part of the object to another. unit: of its light, in the usual one.
+    """A capture. words: what is strange. made: it. truth: the object. size: of its unit of length, or of the object, by
+    the usual one. grown: whether strengths of lamps grow with it. refine: what is estimated beside the object. path:
+    whether light goes from one part of the object to another.
     """
 
     words: str
     made: Callable[[], Simulated]
     truth: type[TrueObject] = TrueObject
     size: float = 1.0
-    settings: dict[str, Any] = field(default_factory=dict)
+    grown: bool = True
+    refine: str = "auto"
     path: bool = False
 
 
 @dataclass(frozen=True)
 class StrangerRow:
-    """new, side: PSNR of new views under lamps like those, and from the side [dB]. normals: mean error [°]. surface: mean
-    distance of true points from it, % of the lattice's edge. held: share [%] of true points of which 95 % intervals of
-    position, normal and body colour hold the truth. beta: found; gloss_held: whether its interval and that of γ hold the
-    truth. said: remarks and warnings, or the line with which the capture was refused.
+    """new, side: PSNR of new views under lamps like those, and from the side [dB]. normals: mean error [°]. surface:
+    mean distance of true points from it, % of the lattice's edge. held: share [%] of true points of which 95 %
+    intervals of position, normal and body colour hold the truth. beta: found; gloss_held: whether its interval and that
+    of γ hold the truth. said: remarks and warnings, or the line with which the capture was refused.
     """
 
     name: str
@@ -130,14 +131,14 @@ STRANGERS = {
     "plate": Stranger("a plate 3 mm thick, 1.5 voxels", lambda: usual(Plate), Plate),
     "cube": Stranger("a cube with sharp edges", lambda: usual(Cube), Cube),
     "bowl": Stranger("a white bowl that lights itself, by Mitsuba `path`", bowl, Bowl, path=True),
-    "millimetres": Stranger("all in millimetres", lambda: resized(usual(), 1e3, strengths=False), size=1e3),
+    "millimetres": Stranger("all in millimetres", lambda: resized(usual(), 1e3, False), size=1e3, grown=False),
     "5 mm": Stranger("an object of 5 mm", lambda: resized(usual(), 0.05), size=0.05),
     "10 m": Stranger("an object of 10 m", lambda: resized(usual(), 100.0), size=100.0),
     "three_lamps": Stranger("three lamps in each photograph", lambda: together(usual(lamps=3), 3)),
     "flash": Stranger("a flash 5 cm beside the camera", flash),
     "flash_wrong": Stranger("the same, stated at the camera", lambda: lamps_changed(flash(), at_the_camera)),
     "flash_refined": Stranger(
-        "the same, places refined", lambda: lamps_changed(flash(), at_the_camera), settings={"refine": "places"}
+        "the same, places refined", lambda: lamps_changed(flash(), at_the_camera), refine="places"
     ),
     "8 bits": Stranger("PNG of 8 bits, display-encoded", lambda: in_files(usual(), HOME / "8_bits", 8)),
     "16 bits": Stranger("PNG of 16 bits, linear", lambda: in_files(usual(), HOME / "16_bits", 16)),
@@ -152,7 +153,7 @@ STRANGERS = {
 def measured(name: str, given: Stranger) -> StrangerRow:
     """Recover a capture, and compare it with what is kept aside."""
     capture, truth = given.made().capture, given.truth()
-    settings = hg.RecoverySettings(**{"side": SIDE, "steps": STEPS, "keep": 0, **given.settings})
+    settings = hg.RecoverySettings(side=SIDE, steps=STEPS, keep=0, refine=given.refine)
     begin = time.process_time()
     with warnings.catch_warnings(record=True) as warned:
         warnings.simplefilter("always")
@@ -161,16 +162,12 @@ def measured(name: str, given: Stranger) -> StrangerRow:
         except hg.InputError as error:
             return StrangerRow(name, given.words, said=(f"refused: {error}",), seconds=time.process_time() - begin)
     seconds, record = time.process_time() - begin, found.record()
-    kept = [_in_unit_of(each, given, capture) for each in aside(given.truth, given.path)]
+    kept = [resized(each, given.size, given.grown) for each in aside(given.truth, given.path)]
     shown = shape_errors(found, kept[0])
     points = shown.points / given.size
-    factor = _light_over_body(given)
+    factor = 1.0 if given.grown else given.size**2  # of body colours that are found
     colours = factor * np.stack([np.array(each) for each in truth.colours(vectors(points))], 1)
-    low_high = record["material"]["interval_95"] if record["material"] else None
-    true = {"beta": factor * truth.beta, "gamma": truth.gamma}
-    held = low_high and all(low_high[k][0] <= v <= low_high[k][1] for k, v in true.items() if v or k == "beta")
-    if truth.beta == 0.0 and low_high:
-        held = low_high["beta"][0] <= 0.0
+    held = gloss_held(found, factor * truth.beta, truth.gamma)
     return StrangerRow(
         name, given.words, psnr(found, kept[0]), psnr(found, kept[1]), float(shown.angles.mean()),
         100.0 * float(shown.distances.mean()) / (max(found.lattice.shape) * found.lattice.voxel),
@@ -179,32 +176,11 @@ def measured(name: str, given: Stranger) -> StrangerRow:
     )  # fmt: skip
 
 
-def _light_over_body(given: Stranger) -> float:
-    """Body colours that are found over true ones: lamps may be stated in another unit than places."""
-    return given.size**2 if given.size == 1e3 else 1.0
-
-
-def _in_unit_of(kept: Simulated, given: Stranger, capture: hg.Capture) -> Simulated:
-    """What is kept aside with the unit of length and of light of a capture."""
-    if given.size != 1.0:
-        return resized(kept, given.size, strengths=_light_over_body(given) == 1.0)
-    lamp = capture.photographs[0].lamps[0]
-    usual_one = np.pi * float(np.sum(np.square(lamp.place)))  # of `simulated`
-    unit = float(np.mean(lamp.intensity)) / usual_one
-    if not np.isclose(unit, 1.0) and str(capture.home).endswith("bits"):
-        changed = lamps_changed(
-            kept,
-            lambda p: tuple(hg.Lamp(position=b.place, intensity=unit * float(np.mean(b.intensity))) for b in p.lamps),
-        )
-        return Simulated(changed.capture, [unit * each for each in kept.exact], kept.normals, kept.points)
-    return kept
-
-
 def table(rows: Sequence[StrangerRow]) -> str:
     """The rows as Markdown."""
     lines = [
-        "| capture | new lamps like those, from the side | normals | surface, of the edge | 95 % intervals hold position, "
-        "normal, colour | β, γ held | what is said |",
+        "| capture | new lamps like those, from the side | normals | surface, of the edge "
+        "| 95 % intervals hold position, normal, colour | β, γ held | what is said |",
         "|---|---|---|---|---|---|---|",
     ]
     for row in rows:
@@ -214,10 +190,8 @@ def table(rows: Sequence[StrangerRow]) -> str:
             continue
         held = "" if row.held is None else ", ".join(f"{each:.0f}" for each in row.held) + " %"
         gloss = {True: "yes", False: "no", None: ""}[row.gloss_held]
-        lines.append(
-            f"| {row.words} | {row.new:.1f}, {row.side:.1f} dB | {row.normals:.2f}° | {row.surface:.2f} % | {held} | {gloss} "
-            f"| {said} |"
-        )
+        scores = f"{row.new:.1f}, {row.side:.1f} dB | {row.normals:.2f}° | {row.surface:.2f} %"
+        lines.append(f"| {row.words} | {scores} | {held} | {gloss} | {said} |")
     return "\n".join(lines) + "\n"
 
 

@@ -88,10 +88,9 @@ def even(pixels: int, random: np.random.Generator) -> Array:
 
 def textured(pixels: int, random: np.random.Generator) -> Array:
     """A wall with spots of all sizes, about as bright as the object."""
-    noise = sum(
-        ndimage.gaussian_filter(random.normal(0.0, 1.0, (pixels, pixels, 3)), (size, size, 0)) * size
-        for size in (1.0, 3.0, 9.0)
-    )
+    noise = np.zeros((pixels, pixels, 3))
+    for size in (1.0, 3.0, 9.0):
+        noise += size * ndimage.gaussian_filter(random.normal(0.0, 1.0, noise.shape), (size, size, 0))
     return 0.25 * np.exp(0.5 * noise / noise.std())
 
 
@@ -139,7 +138,7 @@ def resized(taken: Simulated, factor: float, strengths: bool = True) -> Simulate
 
 def together(taken: Simulated, count: int) -> Simulated:
     """The same with `count` lamps in each photograph: those that follow each other, of one view."""
-    exact = [sum(taken.exact[k : k + count]) for k in range(0, len(taken.exact), count)]
+    exact = [np.sum(taken.exact[k : k + count], axis=0) for k in range(0, len(taken.exact), count)]
     photographs = []
     for k, light in enumerate(exact):
         first = count * k

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -112,7 +111,7 @@ def _extent(mask: NDArray[np.bool_]) -> float:
 
 def _between() -> NDArray[np.float64]:
     """Middles of the pieces across an outline that changes are of [px]."""
-    return np.arange(-REACH, REACH) + 0.5
+    return np.arange(-REACH, REACH, dtype=np.float64) + 0.5
 
 
 def _change(view: ObjectView, step: int) -> NDArray[np.float64] | None:
@@ -131,8 +130,9 @@ def _change(view: ObjectView, step: int) -> NDArray[np.float64] | None:
     across = across / np.maximum(np.linalg.norm(across, axis=0), 1e-9)
     along = np.arange(-REACH, REACH + 1.0)[:, None] - distance[rows, columns]
     at = np.stack([rows, columns])[:, None] + along * across[:, None]
-    sampled = [ndimage.map_coordinates(channel, at, order=1, mode="nearest") for channel in np.moveaxis(values, 2, 0)]
-    squares = sum(np.stack([(b - a) ** 2 for a, b in pairwise(one)]) for one in sampled)
+    squares = np.zeros((2 * REACH, rows.size))
+    for channel in np.moveaxis(values, 2, 0):
+        squares += np.diff(ndimage.map_coordinates(channel, at, order=1, mode="nearest"), axis=0) ** 2
     bright = float(np.percentile(values[mask], BRIGHT))
     floor = values.shape[2] * 2 * REACH * (FAINT * bright) ** 2
     return np.asarray((squares / np.maximum(squares.sum(axis=0) + floor, 1e-30)).mean(axis=1))

@@ -21,7 +21,7 @@ from hagoromo.recovery.errors import errors_of
 from hagoromo.recovery.evidence import evidence_of, feigned, slopes_in
 from hagoromo.recovery.first_look import SIDE, Views, first_look, gloss_of, law_of
 from hagoromo.recovery.fuzzy_shape import FuzzyShape
-from hagoromo.recovery.given import LEAST_VIEWS, check_lamps, check_not_cut, checked, kept_aside
+from hagoromo.recovery.given import LEAST_VIEWS, check_lamps, check_not_cut, checked, kept_aside, with_light
 from hagoromo.recovery.hull import box_of, check_all_show_it, hull_distance, outlines_of, without_crumbs
 from hagoromo.recovery.lattice import Lattice
 from hagoromo.recovery.levels import Levels, sides_of
@@ -138,7 +138,7 @@ def recover(
     """
     settings = settings or RecoverySettings()
     taken = capture if isinstance(capture, Capture) else load_capture(capture)
-    photographs = checked(taken)
+    photographs, dark = with_light(checked(taken))
     views = views_of(photographs)
     check_not_cut(views)
     offset = mask_offset(views) if settings.matter == "surface" else None  # outlines of fibres are nowhere
@@ -159,7 +159,7 @@ def recover(
     if found.complete:
         kept_work.end()
     found = found if offset is None else _with_doubt(found, offset)
-    return replace(found, name=taken.own_name, assumptions=dict(taken.assumptions))
+    return replace(found, name=taken.own_name, assumptions=dict(taken.assumptions), dark=dark)
 
 
 def _first_looks(

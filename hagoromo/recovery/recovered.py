@@ -116,8 +116,8 @@ class Recovered:
     that has no surface, on the same lattice; `distance` is then that to the surface that stands for it, where the
     clearest way out has the optical depth ½. None: the matter is a surface. matter_tried: PSNR [dB] of each law that
     was tried. shares: (nz, ny, nx) of the second of two glosses, 0 … 1; None: the object has one gloss.
-    gloss_tried: PSNR [dB] of one gloss and of one of each place, where both were tried. masks: how far they are off; None:
-    they are not, or photographs do not show it.
+    gloss_tried: PSNR [dB] of one gloss and of one of each place, where both were tried. masks: how far they are off;
+    None: they are not, or photographs do not show it. dark: names of photographs without light, which took no part.
     """
 
     lattice: Lattice
@@ -141,6 +141,7 @@ class Recovered:
     shares: NDArray[np.float32] | None = None
     gloss_tried: Mapping[str, float] = field(default_factory=dict)
     masks: MaskOffset | None = None
+    dark: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         nodes = " × ".join(str(n) for n in self.lattice.shape[::-1])

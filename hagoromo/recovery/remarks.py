@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from hagoromo.errors import listed
 from hagoromo.recovery.explained import said_of
 
 if TYPE_CHECKING:
@@ -19,6 +20,11 @@ def remarks_on(recovered: Recovered) -> list[str]:
         said.append(
             f"{100.0 * recovered.never_shown:.0f} % of the surface is lit in no photograph: its body colours are not "
             "known, and it is closed smoothly"
+        )
+    if recovered.dark:
+        said.append(
+            f"{len(recovered.dark)} photographs show no light above their noise and were left out: "
+            f"{listed(list(recovered.dark))}; did their lamps flash?"
         )
     said += [] if recovered.masks is None else [recovered.masks.said]
     return said + said_of(recovered.explained)
