@@ -53,8 +53,8 @@ def with_light(photographs: Sequence[Photograph]) -> tuple[tuple[Photograph, ...
     left = tuple(p for p, lit in zip(photographs, bright, strict=True) if lit)
     if len({p.camera.world_to_camera.tobytes() for p in left}) < LEAST_VIEWS:
         raise InputError(
-            f"{len(dark)} of {len(photographs)} photographs show no light above their noise: {listed(list(dark))}; too "
-            "few are left: did their lamps flash?"
+            f"{len(dark)} of {len(photographs)} photographs show no light above their noise, or clipped pixels alone: "
+            f"{listed(list(dark))}; too few are left: did their lamps flash?"
         )
     return left, dark
 
