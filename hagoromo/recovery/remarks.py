@@ -23,8 +23,8 @@ def remarks_on(recovered: Recovered) -> list[str]:
         )
     if recovered.dark:
         said.append(
-            f"{len(recovered.dark)} photographs show no light above their noise, or clipped pixels alone, and were left "
-            f"out: {listed(list(recovered.dark))}; did their lamps flash?"
+            f"{len(recovered.dark)} photographs show no light above their noise, or clipped pixels alone, and were "
+            f"left out: {listed(list(recovered.dark))}; did their lamps flash?"
         )
     said += [] if recovered.masks is None else [recovered.masks.said]
     return said + said_of(recovered.explained)
