@@ -53,7 +53,7 @@ class Bowl(TrueObject):
         return [0.8 + 0.0 * p.x] * 3
 
 
-class Plate(TrueObject):
+class ThinPlate(TrueObject):
     """A plate 3 mm thick."""
 
     def distance(self, p: Any) -> Any:
