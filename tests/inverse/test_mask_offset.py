@@ -68,7 +68,9 @@ def test_moved_masks_are_about_the_exact_ones(jug):
         return sum(int((a ^ b).sum()) for a, b in zip(masks, exact, strict=True))
 
     assert off([view.silhouette for view in moved]) < 0.25 * off([view.silhouette for view in wrong])
-    assert all(np.array_equal(view.photograph.silhouette, view.silhouette) for view in moved)
+    for view in moved:
+        assert view.photograph.silhouette is not None
+        assert np.array_equal(view.photograph.silhouette, view.silhouette)
     assert not any((view.photograph.mask & ~view.silhouette).any() for view in moved)
 
 
