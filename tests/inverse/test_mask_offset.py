@@ -53,8 +53,9 @@ def test_an_outline_that_no_photograph_shows_has_no_offset(jug):
     random = np.random.default_rng(0)
     noise = [replace(p, values=random.uniform(0.1, 0.2, p.values.shape)) for p in jug.capture.photographs]
     assert mask_offset(views_of(noise)) is None
-    small = masks_moved(jug, -3.0).capture.photographs
-    assert mask_offset(views_of([replace(p, values=p.values * p.silhouette[..., None]) for p in small])) is None
+    small = views(masks_moved(jug, -3.0))
+    cut = [replace(v.photograph, values=v.photograph.values * v.silhouette[..., None]) for v in small]
+    assert mask_offset(views_of(cut)) is None
 
 
 def test_moved_masks_are_about_the_exact_ones(jug):
