@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import hagoromo as hg
-from hagoromo.backend import mitsuba
-from studies.recover_scenes import DISTANCE, RADIUS, Shots, Simulated, photograph_of
+from hagoromo.backend import mitsuba, vectors
+from studies.recover_scenes import DISTANCE, RADIUS, Shots, Simulated, TrueObject, photograph_of
 
 Array = NDArray[np.float64]
 ROUGHNESS, INDEX = 0.18, 1.5  # GGX width α, and of the plastic
@@ -24,28 +24,40 @@ MOST_BOUNCES, WALKS = 8, 256  # of light, and for each pixel
 
 def scanned(file: Path) -> Any:
     """A mesh of Mitsuba's, of RADIUS about the origin, with colours of its vertices."""
-    mi = mitsuba()
     import trimesh
 
     mesh = trimesh.load_mesh(file)
     points = np.asarray(mesh.vertices, np.float64)
     low, high = points.min(axis=0), points.max(axis=0)
     points = (points - 0.5 * (low + high)) * (2.0 * RADIUS / float((high - low).max()))
-    properties = mi.Properties()
-    properties["bsdf"] = mi.load_dict(
-        {
-            "type": "principled", "roughness": float(np.sqrt(ROUGHNESS)), "eta": INDEX,
-            "base_color": {"type": "mesh_attribute", "name": "vertex_color"},
-        }
-    )  # fmt: skip
-    made = mi.Mesh(
-        "scan", len(points), len(mesh.faces), properties, has_vertex_normals=False, has_vertex_texcoords=False
-    )
+    return _mesh(points, mesh.faces, patterns(points), glossy=True)
+
+
+def shape_mesh(truth: TrueObject, voxel: float = 0.0005) -> Any:
+    """A matt mesh of Mitsuba's of an exact shape, with the body colours of its vertices."""
+    from skimage.measure import marching_cubes
+
+    edge = np.arange(-1.3 * RADIUS, 1.3 * RADIUS, voxel)
+    z, y, x = np.meshgrid(edge, edge, edge, indexing="ij")
+    distance = np.array(truth.distance(vectors(np.stack([x, y, z], axis=3).reshape(-1, 3)))).reshape(x.shape)
+    corners, faces, _, _ = marching_cubes(distance, 0.0)
+    points = corners[:, ::-1] * voxel + edge[0]
+    return _mesh(points, faces, np.stack([np.array(each) for each in truth.colours(vectors(points))], axis=1), False)
+
+
+def _mesh(points: Array, faces: Any, colours: Array, glossy: bool) -> Any:
+    """A mesh of Mitsuba's with colours of its vertices."""
+    mi = mitsuba()
+    colour, properties = {"type": "mesh_attribute", "name": "vertex_color"}, mi.Properties()
+    bsdf = {"type": "principled", "roughness": float(np.sqrt(ROUGHNESS)), "eta": INDEX, "base_color": colour}
+    plain = {"type": "twosided", "material": {"type": "diffuse", "reflectance": colour}}
+    properties["bsdf"] = mi.load_dict(bsdf if glossy else plain)
+    made = mi.Mesh("scan", len(points), len(faces), properties, has_vertex_normals=False, has_vertex_texcoords=False)
     parameters = mi.traverse(made)
     parameters["vertex_positions"] = points.astype(np.float32).ravel()
-    parameters["faces"] = np.asarray(mesh.faces, np.uint32).ravel()
+    parameters["faces"] = np.asarray(faces, np.uint32).ravel()
     parameters.update()
-    made.add_attribute("vertex_color", 3, patterns(points).astype(np.float32).ravel())
+    made.add_attribute("vertex_color", 3, colours.astype(np.float32).ravel())
     return made
 
 

@@ -26,7 +26,7 @@ RADIUS = 0.05  # m, about that of the object
 FOCAL = 5.2  # in widths of a photograph
 FULL_WELL, READ_NOISE, BITS = 20_000.0, 8.0, 12
 ALPHA = 1.0 / np.pi
-SURFACE, MOST_STEPS = 2e-6, 160  # m from the surface that counts as on it
+SURFACE, MOST_STEPS = 2e-6, 1500  # m from the surface that counts as on it; steps of a ray along a flat face
 OVERSAMPLED = 2  # rays along a side of a pixel
 
 
@@ -79,7 +79,8 @@ class Shots:
 class Simulated:
     """A capture, and the exact light of each photograph (h, w, 3), its normals (h, w, 3) and points, NaN beside it.
 
-    strengths, places: true ones of the photographs' first lamps. cameras: the true ones, where the capture has others.
+    shares: (h, w) of each pixel that the object covers. strengths, places: true ones of the photographs' first lamps.
+    cameras: the true ones, where the capture has others.
     """
 
     capture: hg.Capture
@@ -89,6 +90,7 @@ class Simulated:
     strengths: list[float] = field(default_factory=list)
     places: list[Array] = field(default_factory=list)
     cameras: list[hg.Camera] = field(default_factory=list)
+    shares: list[Array] = field(default_factory=list)
 
 
 def around(count: int, seed: int = 0, turn: float = 0.0) -> Array:
@@ -134,12 +136,13 @@ def simulated(truth: TrueObject, taken: Shots, seed: int = 0, noise: bool = True
         for place in lamps:
             lamp = hg.Lamp(position=place, intensity=np.pi * float(place @ place))
             light, share, normals, points = _light(truth, camera, lamp)
-            for held, new in ((out.exact, light), (out.normals, normals), (out.points, points)):
+            made = (out.exact, light), (out.normals, normals), (out.points, points), (out.shares, share)
+            for held, new in made:
                 held.append(new)
             photographs.append(photograph_of(light, share, camera, lamp, random if noise else None, len(photographs)))
     capture, lamps = hg.Capture(tuple(photographs), "simulated"), [p.lamps[0] for p in photographs]
     strengths, places = [float(np.mean(lamp.intensity)) for lamp in lamps], [lamp.place for lamp in lamps]
-    return Simulated(capture, out.exact, out.normals, out.points, strengths, places)
+    return Simulated(capture, out.exact, out.normals, out.points, strengths, places, shares=out.shares)
 
 
 def misstated(taken: Simulated, pixels: float, share: float, seed: int = 0) -> Simulated:

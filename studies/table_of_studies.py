@@ -71,6 +71,11 @@ STUDIES: dict[str, Study] = {
         "two hours",
         (_module("recovery", "--data", DATA, "--out", "out/recovery"),),
     ),
+    "recover-strangers": Study(
+        "objects recovered from captures that nobody tuned to: masks, units, lamps, files, and what is said of them",
+        "half an hour",
+        (_module("recover_strangers", "--out", "out/recover_strangers"),),
+    ),
     "real-object": Study(
         "a real object under a new lamp, as films and as a page",
         "ten minutes",

@@ -10,7 +10,7 @@ Law = Literal["surface", "fuzzy"]  # of matter
 MatterChoice = Literal["surface", "fuzzy", "auto"]
 Gloss = Literal["one", "places"]  # β and γ of the whole object, or of each place
 GlossChoice = Literal["one", "places", "auto"]
-Part = Literal["turn", "cameras", "lamps", "exposure", "places"]  # what can be refined beside the object
+Part = Literal["turn", "cameras", "lamps", "exposure", "places", "masks"]  # what can be refined beside the object
 PARTS: tuple[Part, ...] = get_args(Part)
 AUTO, NONE = "auto", "none"
 

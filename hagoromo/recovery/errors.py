@@ -61,6 +61,10 @@ class Errors:
         """With those of body colours where photographs show them: elsewhere nothing is known, and both halves agree."""
         return replace(self, colour=np.where(photographs[..., None] > 0, self.colour, np.float32(np.nan)))
 
+    def with_doubt(self, doubt: float) -> Errors:
+        """With a further standard error of all positions [m]."""
+        return replace(self, position=np.hypot(self.position, np.float32(doubt)))
+
     def counted_back(self, unit: float) -> Errors:
         """With those of body colours that were counted in a unit."""
         return self if unit == 1.0 else replace(self, colour=(self.colour * unit).astype(np.float32))

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.errors import InputError
+from hagoromo.errors import InputError, listed
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.recovery.lattice import Lattice
@@ -17,6 +17,7 @@ from hagoromo.recovery.object_view import ObjectView
 LEAST_VIEWS = 3
 MOST_CUT = 0.5  # share of the photographs that may cut the object at their edge
 LEAST_ANGLE = 2.0  # ° between the directions of two lamps at least
+LIGHT, LIT_SHARE = 5.0, 1e-3  # standard deviations of noise above which a pixel has light; of the valid ones at least
 DEEP = -2.0  # [voxel] of the hull: a lamp that is deeper stands in the object
 
 
@@ -38,9 +39,33 @@ def checked(capture: Capture) -> tuple[Photograph, ...]:
         raise InputError(
             f"{len(dark)} of {len(lit)} photographs have no lamp ({dark[0]}): give lamps to all or to none"
         )
-    if not any(p.mask.any() and float(p.values[p.mask].max(initial=0.0)) > 0.0 for p in photographs):
-        raise InputError("the photographs hold only darkness or clipped pixels: nothing can be recovered")
     return photographs
+
+
+def with_light(photographs: Sequence[Photograph]) -> tuple[tuple[Photograph, ...], tuple[str, ...]]:
+    """The photographs that show light above their noise, and the names of the others: a lamp that did not flash would
+    make what it should light black. `InputError` where too few are left.
+    """
+    bright = [_has_light(p) for p in photographs]
+    dark = tuple(p.name for p, lit in zip(photographs, bright, strict=True) if not lit)
+    if len(dark) == len(photographs):
+        raise InputError("the photographs hold only darkness or clipped pixels: nothing can be recovered")
+    left = tuple(p for p, lit in zip(photographs, bright, strict=True) if lit)
+    if len({p.camera.world_to_camera.tobytes() for p in left}) < LEAST_VIEWS:
+        raise InputError(
+            f"{len(dark)} of {len(photographs)} photographs show no light above their noise, or clipped pixels alone: "
+            f"{listed(list(dark))}; too few are left: did their lamps flash?"
+        )
+    return left, dark
+
+
+def _has_light(photograph: Photograph) -> bool:
+    """Whether valid pixels of a photograph are brighter than its noise."""
+    if not photograph.mask.any():
+        return False
+    values, variance = (each[photograph.mask].mean(axis=1) for each in (photograph.values, photograph.variance))
+    noise = np.sqrt(variance / photograph.values.shape[2])
+    return bool((values > LIGHT * noise).mean() > LIT_SHARE)
 
 
 def kept_aside(count: int, keep: int) -> list[bool]:

@@ -72,6 +72,7 @@ class FoundLook:
             "lamps": strengths is not None and strengths.lamps,
             "exposure": strengths is not None and strengths.exposure,
             "places": places is not None,
+            "masks": False,  # are moved before all else
         }
         return FoundLook(
             tuple(part for part in PARTS if refined[part]),

@@ -21,11 +21,12 @@ from hagoromo.recovery.errors import errors_of
 from hagoromo.recovery.evidence import evidence_of, feigned, slopes_in
 from hagoromo.recovery.first_look import SIDE, Views, first_look, gloss_of, law_of
 from hagoromo.recovery.fuzzy_shape import FuzzyShape
-from hagoromo.recovery.given import LEAST_VIEWS, check_lamps, check_not_cut, checked, kept_aside
+from hagoromo.recovery.given import LEAST_VIEWS, check_lamps, check_not_cut, checked, kept_aside, with_light
 from hagoromo.recovery.hull import box_of, check_all_show_it, hull_distance, outlines_of, without_crumbs
 from hagoromo.recovery.lattice import Lattice
 from hagoromo.recovery.levels import Levels, sides_of
 from hagoromo.recovery.look import FoundLook, Look
+from hagoromo.recovery.mask_offset import MaskOffset, mask_offset, with_masks_moved, without_mixed_pixels
 from hagoromo.recovery.matter_shape import SHAPES, MatterShape
 from hagoromo.recovery.object_view import ObjectView
 from hagoromo.recovery.pixel_table import CHUNK
@@ -55,8 +56,9 @@ class RecoverySettings:
     light: what light is fixed to where no lamp is known; "even": to the object, without dependence on the normal;
     "auto": the one of the three that predicts best. refine: what is estimated beside the object, a list of "turn" (one
     small turn of all cameras), "cameras" (of each, a turn and a shift), "lamps" and "exposure" (a factor on the light
-    of each lamp, and of each photograph), "places" (a shift of each lamp), such as "cameras,lamps"; "none"; "auto": a
-    turn, where no lamp is known, if it predicts better. matter: "surface"; "fuzzy": fibres without a surface, such as
+    of each lamp, and of each photograph), "places" (a shift of each lamp), "masks" (of a surface, outlines are moved to
+    where photographs show them), such as "cameras,lamps"; "none"; "auto": masks, and a turn, where no lamp is known, if
+    it predicts better. matter: "surface"; "fuzzy": fibres without a surface, such as
     fur and down, a free density at each node; "auto": the one that predicts better, on a coarse lattice. gloss: of a
     surface under known lamps; "one": β and γ are those of the whole object; "places": each node has its own; "auto":
     "places", where that predicts better, on a coarse lattice.
@@ -136,9 +138,13 @@ def recover(
     """
     settings = settings or RecoverySettings()
     taken = capture if isinstance(capture, Capture) else load_capture(capture)
-    photographs = checked(taken)
+    photographs, dark = with_light(checked(taken))
     views = views_of(photographs)
     check_not_cut(views)
+    offset = mask_offset(views) if settings.matter == "surface" else None  # outlines of fibres are nowhere
+    if offset is not None and (settings.refine == AUTO or "masks" in parts_of(settings.refine)):
+        views, offset = with_masks_moved(views, offset), replace(offset, moved=True)
+    views = without_mixed_pixels(views) if settings.matter == "surface" else views
     if views[0].stated:
         check_agree(outlines_of(views))
     aside = kept_aside(len(views), settings.keep)
@@ -152,7 +158,8 @@ def recover(
         found = _recovered(used, kept, settings, matter, look, run)
     if found.complete:
         kept_work.end()
-    return replace(found, name=taken.own_name, assumptions=dict(taken.assumptions))
+    found = found if offset is None else _with_doubt(found, offset)
+    return replace(found, name=taken.own_name, assumptions=dict(taken.assumptions), dark=dark)
 
 
 def _first_looks(
@@ -250,6 +257,15 @@ def _recovered(
         look=look, fuzzy=shape if isinstance(shape, FuzzyShape) else None, matter_tried=matter.tried,
         shares=found.shares, gloss_tried=matter.gloss_tried,
     )  # fmt: skip
+
+
+def _with_doubt(found: Recovered, offset: MaskOffset) -> Recovered:
+    """What was recovered from masks that are off: positions are known as well as outlines are."""
+    pixel = np.median(
+        [np.linalg.norm(p.camera.position - found.lattice.middle) / min(p.camera.focal) for p in found.photographs]
+    )
+    doubt = float(pixel) * (offset.error if offset.moved else abs(offset.pixels))
+    return replace(found, masks=offset, errors=None if found.errors is None else found.errors.with_doubt(doubt))
 
 
 def _levels(

@@ -26,6 +26,7 @@ from hagoromo.recovery.fuzzy_shape import FuzzyShape
 from hagoromo.recovery.lamp_table import LampTable
 from hagoromo.recovery.lattice import Lattice
 from hagoromo.recovery.look import Look
+from hagoromo.recovery.mask_offset import MaskOffset
 from hagoromo.recovery.matter_field import MatterField
 from hagoromo.recovery.mixed_gloss import MixedGloss, mixed_gloss
 from hagoromo.recovery.object_view import ObjectView
@@ -115,7 +116,8 @@ class Recovered:
     that has no surface, on the same lattice; `distance` is then that to the surface that stands for it, where the
     clearest way out has the optical depth ½. None: the matter is a surface. matter_tried: PSNR [dB] of each law that
     was tried. shares: (nz, ny, nx) of the second of two glosses, 0 … 1; None: the object has one gloss.
-    gloss_tried: PSNR [dB] of one gloss and of one of each place, where both were tried.
+    gloss_tried: PSNR [dB] of one gloss and of one of each place, where both were tried. masks: how far they are off;
+    None: they are not, or photographs do not show it. dark: names of photographs without light, which took no part.
     """
 
     lattice: Lattice
@@ -138,6 +140,8 @@ class Recovered:
     matter_tried: Mapping[str, float] = field(default_factory=dict)
     shares: NDArray[np.float32] | None = None
     gloss_tried: Mapping[str, float] = field(default_factory=dict)
+    masks: MaskOffset | None = None
+    dark: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         nodes = " × ".join(str(n) for n in self.lattice.shape[::-1])
@@ -237,6 +241,7 @@ class Recovered:
             "cameras": "as stated" if look.cameras is None else str(look.cameras),
             "strengths": "as stated" if look.strengths is None else str(look.strengths),
             "lamp_places": "as stated" if look.places is None else str(look.places),
+            "masks_moved_px": self.masks.pixels if self.masks and self.masks.moved else 0.0,
             "silhouettes": "masks" if self.stated else "what is brighter than a dark background",
             "nodes": list(self.lattice.shape[::-1]),
             "voxel_m": self.lattice.voxel,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from hagoromo.errors import listed
 from hagoromo.recovery.explained import said_of
 
 if TYPE_CHECKING:
@@ -20,6 +21,12 @@ def remarks_on(recovered: Recovered) -> list[str]:
             f"{100.0 * recovered.never_shown:.0f} % of the surface is lit in no photograph: its body colours are not "
             "known, and it is closed smoothly"
         )
+    if recovered.dark:
+        said.append(
+            f"{len(recovered.dark)} photographs show no light above their noise, or clipped pixels alone, and were "
+            f"left out: {listed(list(recovered.dark))}; did their lamps flash?"
+        )
+    said += [] if recovered.masks is None else [recovered.masks.said]
     return said + said_of(recovered.explained)
 
 

@@ -9,6 +9,7 @@ import hagoromo as hg
 from hagoromo.matter import shape as sd
 from studies.recover_scenes import TrueObject, misstated, shots, simulated, stacked
 from studies.recovery_scores import box_psnr, psnr
+from studies.strange_captures import in_files, resized, unlit
 
 QUICK = hg.RecoverySettings(side=20, steps=20, rays=1 << 11, keep=0, errors=False)
 
@@ -84,6 +85,41 @@ def test_lamps_in_another_unit_change_nothing_but_the_unit_of_body_colours(taken
     assert weak.brightest * 0.02 == pytest.approx(strong.brightest * 50.0, rel=1e-3)
     assert weak.beta * 0.02 == pytest.approx(strong.beta * 50.0, rel=1e-2)
     assert weak.gamma == pytest.approx(strong.gamma, rel=1e-2)
+
+
+@pytest.mark.parametrize(
+    ("factor", "strengths"), [(1e3, False), (0.05, True), (100.0, True)], ids=["mm", "5 mm", "10 m"]
+)
+def test_the_unit_of_length_and_the_size_of_the_object_change_nothing(taken, usual, aside, factor, strengths):
+    """In millimetres with strengths for metres, body colours are a million times too large, which is said."""
+    found = hg.recover(resized(taken, factor, strengths).capture, QUICK)
+    assert psnr(found, resized(aside, factor, strengths)) == pytest.approx(psnr(usual, aside), abs=0.5)
+    assert found.lattice.voxel == pytest.approx(factor * usual.lattice.voxel, rel=1e-3)
+    remarks = found.record()["remarks"]
+    assert len(remarks) == (not strengths) and all("lamps are stated too weak or too far" in said for said in remarks)
+
+
+@pytest.mark.parametrize("bits", [8, 16])
+def test_files_of_8_and_16_bits_give_the_same_object(taken, usual, aside, tmp_path, bits):
+    found = hg.recover(in_files(taken, tmp_path / "capture", bits).capture, QUICK)
+    assert psnr(found, aside) == pytest.approx(psnr(usual, aside), abs=1.0)
+    assert found.record()["remarks"] == []
+
+
+def test_photographs_without_light_take_no_part_and_are_named(taken, aside):
+    found = hg.recover(unlit(taken, lambda k: k in (2, 7)).capture, QUICK)
+    others = [p for k, p in enumerate(taken.capture.photographs) if k not in (2, 7)]
+    without = hg.recover(stacked([replace(taken.capture, photographs=tuple(others))], "lit"), QUICK)
+    assert np.array_equal(found.distance, without.distance)
+    assert found.record()["remarks"][0].startswith("2 photographs show no light above their noise")
+    assert "view 2, view 7" in found.record()["remarks"][0]
+
+
+def test_photographs_of_noise_alone_end_in_one_line(taken):
+    with pytest.raises(hg.InputError, match="only darkness"):
+        hg.recover(unlit(taken, lambda k: True).capture, QUICK)
+    with pytest.raises(hg.InputError, match="10 of 12 photographs show no light"):
+        hg.recover(unlit(taken, lambda k: k > 1).capture, QUICK)
 
 
 def test_a_box_whose_body_colours_are_more_than_all_light_is_dimmed_and_that_is_said(taken, usual, aside):
