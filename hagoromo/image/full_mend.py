@@ -43,7 +43,7 @@ class MendFit(NamedTuple):
     own: Array
 
 
-class Step(NamedTuple):
+class MendStep(NamedTuple):
     """A step of a fit. scale: one of SCALES; None: features. hold: how far it is held back where few walks say it.
     strength: the part of it that is taken, 0…1.
     """
@@ -53,7 +53,7 @@ class Step(NamedTuple):
     strength: float
 
 
-class Columns(NamedTuple):
+class FitColumns(NamedTuple):
     """Fits side by side, one a column: channels of a fit, or Y of fits to some of the walks.
 
     light: (blocks, columns). designs: (columns, blocks, features), what a feature's share of 1 adds to blocks. walks,
@@ -132,7 +132,7 @@ class Mender:
     def fitted(self, taken: Taken) -> MendFit:
         """The fit to some of the walks."""
         walks, off = self._means(taken, self.sums.total)
-        columns = Columns(self.light, self.designs, np.broadcast_to(walks, off.shape), off)
+        columns = FitColumns(self.light, self.designs, np.broadcast_to(walks, off.shape), off)
         fit = MendFit(np.zeros((self.features.shape[2], off.shape[1])), np.zeros_like(self.light))
         for step in self._steps(taken):
             part = self._made(step, columns)
@@ -147,7 +147,7 @@ class Mender:
         some = np.where(taken.reshape(*taken.shape, *[1] * (total.ndim - 2)), total, 0.0).sum(axis=1)
         return count, some.reshape(len(count), -1) / np.maximum(count, 1)
 
-    def _steps(self, taken: Taken) -> list[Step]:
+    def _steps(self, taken: Taken) -> list[MendStep]:
         """Which steps to take, as each part of the walks that are `taken` judges what the others made; all are of Y."""
         sums, y = self.sums, self.blocks.y
         total = np.einsum("bfc,c->bf", sums.total, y)
@@ -159,11 +159,11 @@ class Mender:
         held, judged = (np.concatenate(each, axis=1) for each in zip(*unseen, strict=True))
         light = np.repeat(np.einsum("bc,c->b", self.light, y)[:, None], len(parts), axis=1)
         designs = np.repeat(np.einsum("cbf,c->bf", self.designs, y)[None], len(parts), axis=0)
-        columns = Columns(light, designs, *(np.concatenate(each, axis=1) for each in zip(*seen, strict=True)))
+        columns = FitColumns(light, designs, *(np.concatenate(each, axis=1) for each in zip(*seen, strict=True)))
         weight = np.where(held > 0, sums.stand_for[:, None], 0.0)
         steps = []
         for scale in (None, *SCALES) if sums.side == 1 else (None, *SCALES[:-1]):
-            trials = [(Step(scale, hold, 1.0), self._trial(Step(scale, hold, 1.0), columns)) for hold in HOLDS]
+            trials = [(MendStep(scale, hold, 1.0), self._trial(MendStep(scale, hold, 1.0), columns)) for hold in HOLDS]
             found = [strength_of(weight * judged * change, weight * change**2) for _, change in trials]
             best = int(np.argmax([gain for gain, _ in found]))
             strength = found[best][1]
@@ -174,11 +174,11 @@ class Mender:
                 columns = columns._replace(off=columns.off - strength * change)
         return steps
 
-    def _trial(self, step: Step, columns: Columns) -> Array:
+    def _trial(self, step: MendStep, columns: FitColumns) -> Array:
         """What a whole step adds to walked blocks."""
         return self._added(columns, self._made(step, columns))[self.sums.chosen]
 
-    def _made(self, step: Step, columns: Columns) -> MendFit:
+    def _made(self, step: MendStep, columns: FitColumns) -> MendFit:
         """A step of fits to what full lacks, as shares of light: ratios of sums over walks."""
         chosen = self.sums.chosen
         light = columns.light[chosen]
@@ -197,7 +197,7 @@ class Mender:
         own = np.where(below > 0.0, shrunk * above / np.maximum(below, TINY), 0.0)
         return MendFit(np.zeros((columns.designs.shape[2], own.shape[1])), own)
 
-    def _added(self, columns: Columns, fit: MendFit) -> Array:
+    def _added(self, columns: FitColumns, fit: MendFit) -> Array:
         """What fits add to the means of blocks: (blocks, columns)."""
         return columns.light * fit.own + np.einsum("cbf,fc->bc", columns.designs, fit.shares)
 

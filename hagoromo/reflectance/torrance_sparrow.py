@@ -81,7 +81,7 @@ def squared_angle(cosine: Float) -> Float:
 
 
 def squared_angle_ahead(cosine: Float) -> Float:
-    """φ² from cosφ for φ up to π/2, as a polynomial (relative error < 4e-7), which takes less time than `squared_angle`."""
+    """φ² from cosφ for φ up to π/2: a polynomial (relative error < 4e-7), quicker than `squared_angle`."""
     s = dr.fmax(1.0 - cosine, 0.0)
     return s * polynomial(s, ARCCOS_TERMS)
 
