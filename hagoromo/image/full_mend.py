@@ -66,6 +66,16 @@ class FitColumns(NamedTuple):
     off: Array
 
 
+class WalksAround(NamedTuple):
+    """What walks say around blocks. share: (blocks, columns) of light that full lacks. known: (blocks, columns) light
+    of the walks that say it, as if all had the same weight. typical: (columns,) its mean over light.
+    """
+
+    share: Array
+    known: Array
+    typical: Array
+
+
 class Mender:
     """What all fits to walks through one picture share.
 
@@ -163,7 +173,11 @@ class Mender:
         weight = np.where(held > 0, sums.stand_for[:, None], 0.0)
         steps = []
         for scale in (None, *SCALES) if sums.side == 1 else (None, *SCALES[:-1]):
-            trials = [(MendStep(scale, hold, 1.0), self._trial(MendStep(scale, hold, 1.0), columns)) for hold in HOLDS]
+            said = None if scale is None else self._said(scale, columns)
+            steps_of_scale = [MendStep(scale, hold, 1.0) for hold in HOLDS]
+            trials = [
+                (step, self._added(columns, self._made(step, columns, said))[sums.chosen]) for step in steps_of_scale
+            ]
             found = [strength_of(weight * judged * change, weight * change**2) for _, change in trials]
             best = int(np.argmax([gain for gain, _ in found]))
             strength = found[best][1]
@@ -174,27 +188,27 @@ class Mender:
                 columns = columns._replace(off=columns.off - strength * change)
         return steps
 
-    def _trial(self, step: MendStep, columns: FitColumns) -> Array:
-        """What a whole step adds to walked blocks."""
-        return self._added(columns, self._made(step, columns))[self.sums.chosen]
-
-    def _made(self, step: MendStep, columns: FitColumns) -> MendFit:
-        """A step of fits to what full lacks, as shares of light: ratios of sums over walks."""
+    def _said(self, scale: float, columns: FitColumns) -> WalksAround:
+        """What walks say around every block by a bell of a scale: ratios of sums over them."""
         chosen = self.sums.chosen
         light = columns.light[chosen]
+        lit = columns.walks * light
+        above, below = (self._smoothed(values, scale) for values in (columns.walks * columns.off, lit))
+        known = below**2 / np.maximum(self._smoothed(lit, scale, squared=True), TINY)
+        typical = (known[chosen] * light).sum(axis=0) / np.maximum(light.sum(axis=0), TINY)
+        return WalksAround(np.where(below > 0.0, above / np.maximum(below, TINY), 0.0), known, typical)
+
+    def _made(self, step: MendStep, columns: FitColumns, said: WalksAround | None = None) -> MendFit:
+        """A step of fits to what full lacks, as shares of light. said: of its scale, where it is known already."""
+        chosen = self.sums.chosen
         if step.scale is None:
-            least = np.maximum(LITTLE * light.mean(axis=0), TINY)
-            weight = columns.walks / np.maximum(light, least)
+            light = columns.light[chosen]
+            weight = columns.walks / np.maximum(light, np.maximum(LITTLE * light.mean(axis=0), TINY))
             each = zip(columns.designs[:, chosen], columns.off.T, weight.T, strict=True)
             shares = np.stack([held_back(design, off, w, step.hold) for design, off, w in each], axis=1)
             return MendFit(step.strength * shares, np.zeros_like(columns.light))
-        lit = columns.walks * light
-        above, below = (self._smoothed(values, step.scale) for values in (columns.walks * columns.off, lit))
-        # light of walks that say it, as if all of them had the same weight
-        known = below**2 / np.maximum(self._smoothed(lit, step.scale, squared=True), TINY)
-        typical = (known[chosen] * light).sum(axis=0) / np.maximum(light.sum(axis=0), TINY)
-        shrunk = step.strength * known / np.maximum(known + step.hold * typical, TINY)
-        own = np.where(below > 0.0, shrunk * above / np.maximum(below, TINY), 0.0)
+        share, known, typical = said or self._said(step.scale, columns)
+        own = step.strength * share * known / np.maximum(known + step.hold * typical, TINY)
         return MendFit(np.zeros((columns.designs.shape[2], own.shape[1])), own)
 
     def _added(self, columns: FitColumns, fit: MendFit) -> Array:
