@@ -34,7 +34,8 @@ class Judge:
         matter = self.blocks.matter
         self.area = float(self.blocks.sizes[matter].sum())
         light = self.blocks.sizes[matter] * self.blocks.all_y[matter]
-        self.mean_y = max((float(light.sum()) + self.total_off()) / self.area, 1e-30)  # true, about
+        self.missing, self.deviation = mender.missing(mender.all)  # sum over pixels of truth − full, of Y
+        self.mean_y = max((float(light.sum()) + self.missing) / self.area, 1e-30)  # true, about
 
     def error(self, fit: MendFit) -> FullError:
         """The whole statement; fit: to all walks."""
@@ -50,30 +51,9 @@ class Judge:
             (at[0], at[1]),
         )
 
-    def total_off(self) -> float:
-        """Sum of truth − full, over pixels; in proportion to light of higher orders where not all blocks are walked."""
-        scale = 1.0
-        if self.sums.side > 1:
-            light = np.einsum("bc,c->b", self.blocks.means, self.y) * self.blocks.sizes
-            scale = float(light[self.blocks.matter].sum()) / max(self._over(self._higher()), 1e-30)
-        return scale * self._over(self.off)
-
     def _over(self, values: Array) -> float:
         """Sum over pixels of values of walked blocks, with the same bits on any number of cores."""
         return float((self.pixels * values).sum())
-
-    def _higher(self) -> Array:
-        return np.einsum("bc,c->b", self.blocks.means[self.sums.chosen], self.y)
-
-    def mean_deviation(self) -> float:
-        """Standard error of `total_off`."""
-        if self.sums.side > 1:
-            light = self._higher()
-            ratio = self._over(self.off) / max(self._over(light), 1e-30)
-            return float(np.sqrt(np.sum((self.pixels * (self.off - ratio * light)) ** 2)))
-        n = np.maximum(self.count, 2)
-        variance = np.maximum(self.sums.square[:, -1] / n - self.off**2, 0.0) / (n - 1)
-        return float(np.sqrt(np.sum(self.pixels**2 * variance)))
 
     def off_by_fold(self, change: Array) -> Array:
         """Truth less what a changed picture has, by the walks of each fold: (walked, FOLDS); NaN without walks."""
@@ -103,10 +83,10 @@ class Judge:
         return total / np.maximum(pairs, 1)
 
     def _squares_of_unseen_blocks(self) -> Array:
-        group, squares = np.arange(len(self.off)) % FOLDS, np.zeros(len(self.off))
+        squares = np.zeros(len(self.off))
         for one in range(FOLDS):
-            taken = np.repeat((group != one)[:, None], FOLDS, axis=1)
-            squares = np.where(group == one, self.squares(self.off_by_fold(self._change_of(taken))), squares)
+            seen = self.mender.part != one
+            squares = np.where(seen[:, 0], squares, self.squares(self.off_by_fold(self._change_of(seen))))
         return squares
 
     def _change_of(self, taken: NDArray[np.bool_]) -> Array:
@@ -127,8 +107,8 @@ class Judge:
         """Of a picture changed by `change`; known: what blocks are off, `spread`: deviations of what is not known."""
         pixels, mean_y = self.pixels, self.mean_y
         added = float((change * self.blocks.sizes)[self.blocks.matter].sum())
-        mean = (added - self.total_off()) / self.area / mean_y
-        half = SURE * self.mean_deviation() / self.area / mean_y
+        mean = (added - self.missing) / self.area / mean_y
+        half = SURE * self.deviation / self.area / mean_y
         square = self._over(squares) / self.area
         variance = float(np.sum((pixels * (squares - square)) ** 2))
         if change.any():  # what the walks of the fit happened to bring, which the others do not see

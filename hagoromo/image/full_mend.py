@@ -1,9 +1,13 @@
 """Full's mend: the factor on light of higher orders that brings a picture of mode full to what walks bring, smoothed.
 
 First the share that features of pixels explain, all over the picture; then what is left over squares of blocks, ever
-smaller ones. Each step is shrunk by its own noise (empirical Bayes: a prior as wide as the walks show it to be), so
-that nothing is changed where they show nothing, and with many walks the picture has their means. Every sum is in a
-fixed order: no routine here has other bits on another number of cores.
+smaller ones. How much of each step is taken is found by walks that it did not see: each eighth of them judges a step
+that was made of the others. A step is taken only in so far as it surely brings the picture nearer to them, so that
+nothing is changed where walks show nothing, and with many the picture has their means.
+
+Means are ratios of sums, and no weight depends on what a walk brought. Few walks bring much: were blocks that found one
+weighed less, for their noise, the mean would be too dark. Every sum is in a fixed order: no routine here has other bits
+on another number of cores.
 """
 
 from __future__ import annotations
@@ -16,17 +20,20 @@ from numpy.typing import NDArray
 from scipy.ndimage import correlate1d, gaussian_filter, map_coordinates
 
 from hagoromo.image.full_error import BLOCK
-from hagoromo.image.full_walks import BlockSums, in_blocks
+from hagoromo.image.full_walks import FOLDS, BlockSums, in_blocks
 
 SCALES = 8.0, 4.0, 2.0, 1.0, 0.0  # standard deviations of smoothing [blocks]; the last one is each block alone
-POOLED = 1.5  # that by which the noise of walks is smoothed
-PRIORS = 0.0, 0.003, 0.01, 0.03, 0.1, 0.3  # standard deviations of the share of a feature that are tried
+HOLDS = 0.0, 0.1, 0.3, 1.0, 3.0, 10.0, 100.0  # of a step that are tried
+STEP_DOUBT = 4.0  # variances of what a step gains that are taken off it
+MEAN_DOUBT = 2.0  # variances of the mean that are taken off what it is off, squared
+POOLED = 1.5  # blocks by which the noise of walks is smoothed
 FACTORS = 0.1, 10.0  # on light, at least and at most
 LITTLE = 1e-3  # of the mean light, below which noise is no smaller
 WIDE_SHARE = 0.1  # of all blocks in the noise of each
 TINY = 1e-150  # whose square is above 0
 SHARPER = 4  # steps by which factors between blocks are given the means of blocks
 Array = NDArray[np.float64]
+Taken = NDArray[np.bool_]  # (walked, FOLDS): which walks
 
 
 class MendFit(NamedTuple):
@@ -36,15 +43,55 @@ class MendFit(NamedTuple):
     own: Array
 
 
+class MendStep(NamedTuple):
+    """A step of a fit. scale: one of SCALES; None: features. hold: how far it is held back where few walks say it.
+    strength: the part of it that is taken, 0…1.
+    """
+
+    scale: float | None
+    hold: float
+    strength: float
+
+
+class FitColumns(NamedTuple):
+    """Fits side by side, one a column: channels of a fit, or Y of fits to some of the walks.
+
+    light: (blocks, columns). designs: (columns, blocks, features), what a feature's share of 1 adds to blocks. walks,
+    off: (walked, columns), how many there are and what full lacks by them.
+    """
+
+    light: Array
+    designs: Array
+    walks: Array
+    off: Array
+
+
+class WalksAround(NamedTuple):
+    """What walks say around blocks. share: (blocks, columns) of light that full lacks. known: (blocks, columns) light
+    of the walks that say it, as if all had the same weight. typical: (columns,) its mean over light.
+    """
+
+    share: Array
+    known: Array
+    typical: Array
+
+
 class Mender:
-    """What all fits to walks through one picture share."""
+    """What all fits to walks through one picture share.
+
+    part: (walked, FOLDS) number of the part of a walk, of FOLDS. Parts judge what was made of the others. Where not all
+    blocks are walked they are of other blocks, as it is blocks without walks that count.
+    """
 
     def __init__(self, sums: BlockSums) -> None:
         self.sums, self.blocks = sums, sums.blocks
         self.light = self.blocks.means  # (blocks, channels)
         higher = np.moveaxis(self.blocks.higher, 2, 0)[..., None]
-        # (channels, blocks, features): what a feature's share of 1 adds to blocks
         self.designs = np.stack([in_blocks(each * self.features) for each in higher]) / self.blocks.sizes[:, None]
+        shape, fold = sums.walks.shape, np.arange(FOLDS)
+        of_blocks = np.arange(shape[0])[:, None] % FOLDS
+        self.part = np.broadcast_to(fold if sums.side == 1 else of_blocks, shape)
+        self.all = np.ones(shape, bool)
 
     @cached_property
     def features(self) -> Array:
@@ -82,7 +129,7 @@ class Mender:
         return light**2 * ((1.0 - WIDE_SHARE) * one + WIDE_SHARE * other)
 
     def _smoothed(self, values: Array, scale: float, squared: bool = False) -> Array:
-        """Sums (blocks, channels) over walked blocks around each block by a bell, or by its square; see SCALES."""
+        """Sums (blocks, columns) over walked blocks around each block by a bell, or by its square; see SCALES."""
         grid = np.zeros((*self.blocks.grid, values.shape[1]))
         grid.reshape(-1, values.shape[1])[self.sums.chosen] = values
         if scale > 0.0:
@@ -92,32 +139,109 @@ class Mender:
                 grid = correlate1d(grid, bell, axis, mode="constant")
         return grid.reshape(-1, values.shape[1])
 
-    def fitted(self, taken: NDArray[np.bool_]) -> MendFit:
-        """The fit to some of the walks; taken: (walked, FOLDS) of them."""
-        sums = self.sums
-        n = np.where(taken, sums.walks, 0).sum(axis=1)[:, None]
-        off = np.where(taken[..., None], sums.total, 0.0).sum(axis=1) / np.maximum(n, 1)
-        light, weight = self.light[sums.chosen], n / np.maximum(self.noise, TINY)
-        designs = self.designs[:, sums.chosen]
-        shares = np.stack([ridge(*each) for each in zip(designs, off.T, weight.T, strict=True)], axis=1)
-        left = off - np.einsum("cbf,fc->bc", designs, shares)
-        own = np.zeros_like(self.light)
-        for scale in SCALES if sums.side == 1 else SCALES[:-1]:
-            step = self._step(left, light, weight, scale)
-            own += step
-            left = left - light * step[sums.chosen]
-        return MendFit(shares, own)
+    def fitted(self, taken: Taken) -> MendFit:
+        """The fit to some of the walks."""
+        walks, off = self._means(taken, self.sums.total)
+        columns = FitColumns(self.light, self.designs, np.broadcast_to(walks, off.shape), off)
+        fit = MendFit(np.zeros((self.features.shape[2], off.shape[1])), np.zeros_like(self.light))
+        for step in self._steps(taken):
+            part = self._made(step, columns)
+            fit = MendFit(fit.shares + part.shares, fit.own + part.own)
+            columns = columns._replace(off=columns.off - self._added(columns, part)[self.sums.chosen])
+        fit.shares[0] += self._share_of_mean(fit, taken)
+        return fit
 
-    def _step(self, left: Array, light: Array, weight: Array, scale: float) -> Array:
-        """What is left by blocks, as shares (blocks, channels) of their light smoothed by `scale`, and shrunk."""
-        known = weight * light**2
-        above, below = (self._smoothed(each, scale) for each in (weight * light * left, known))
-        share = above / np.maximum(below, TINY)
-        noise = self._smoothed(known, scale, squared=True) / np.maximum(below, TINY) ** 2
-        seen = np.where(known > 0.0, 1.0 / np.maximum(noise[self.sums.chosen], TINY), 0.0)
-        signal = (seen * (share**2 - noise)[self.sums.chosen]).sum(axis=0) / np.maximum(seen.sum(axis=0), TINY)
-        signal = np.maximum(signal, 0.0)
-        return np.where(below > 0.0, share * signal / np.maximum(signal + noise, TINY), 0.0)
+    def _means(self, taken: Taken, total: Array) -> tuple[Array, Array]:
+        """How many walks are taken in each walked block, (walked, 1), and their mean of what full lacks."""
+        count = np.where(taken, self.sums.walks, 0).sum(axis=1)[:, None].astype(float)
+        some = np.where(taken.reshape(*taken.shape, *[1] * (total.ndim - 2)), total, 0.0).sum(axis=1)
+        return count, some.reshape(len(count), -1) / np.maximum(count, 1)
+
+    def _steps(self, taken: Taken) -> list[MendStep]:
+        """Which steps to take, as each part of the walks that are `taken` judges what the others made; all are of Y."""
+        sums, y = self.sums, self.blocks.y
+        total = np.einsum("bfc,c->bf", sums.total, y)
+        parts = [taken & (self.part == number) for number in range(FOLDS)]
+        parts = [part for part in parts if part.any()]
+        if len(parts) < 2:
+            return []
+        seen, unseen = ([self._means(one, total) for one in some] for some in ([taken & ~p for p in parts], parts))
+        held, judged = (np.concatenate(each, axis=1) for each in zip(*unseen, strict=True))
+        light = np.repeat(np.einsum("bc,c->b", self.light, y)[:, None], len(parts), axis=1)
+        designs = np.repeat(np.einsum("cbf,c->bf", self.designs, y)[None], len(parts), axis=0)
+        columns = FitColumns(light, designs, *(np.concatenate(each, axis=1) for each in zip(*seen, strict=True)))
+        weight = np.where(held > 0, sums.stand_for[:, None], 0.0)
+        steps = []
+        for scale in (None, *SCALES) if sums.side == 1 else (None, *SCALES[:-1]):
+            said = None if scale is None else self._said(scale, columns)
+            steps_of_scale = [MendStep(scale, hold, 1.0) for hold in HOLDS]
+            trials = [
+                (step, self._added(columns, self._made(step, columns, said))[sums.chosen]) for step in steps_of_scale
+            ]
+            found = [strength_of(weight * judged * change, weight * change**2) for _, change in trials]
+            best = int(np.argmax([gain for gain, _ in found]))
+            strength = found[best][1]
+            if strength > 0.0:
+                step, change = trials[best]
+                steps.append(step._replace(strength=strength))
+                judged = judged - strength * change
+                columns = columns._replace(off=columns.off - strength * change)
+        return steps
+
+    def _said(self, scale: float, columns: FitColumns) -> WalksAround:
+        """What walks say around every block by a bell of a scale: ratios of sums over them."""
+        chosen = self.sums.chosen
+        light = columns.light[chosen]
+        lit = columns.walks * light
+        above, below = (self._smoothed(values, scale) for values in (columns.walks * columns.off, lit))
+        known = below**2 / np.maximum(self._smoothed(lit, scale, squared=True), TINY)
+        typical = (known[chosen] * light).sum(axis=0) / np.maximum(light.sum(axis=0), TINY)
+        return WalksAround(np.where(below > 0.0, above / np.maximum(below, TINY), 0.0), known, typical)
+
+    def _made(self, step: MendStep, columns: FitColumns, said: WalksAround | None = None) -> MendFit:
+        """A step of fits to what full lacks, as shares of light. said: of its scale, where it is known already."""
+        chosen = self.sums.chosen
+        if step.scale is None:
+            light = columns.light[chosen]
+            weight = columns.walks / np.maximum(light, np.maximum(LITTLE * light.mean(axis=0), TINY))
+            each = zip(columns.designs[:, chosen], columns.off.T, weight.T, strict=True)
+            shares = np.stack([held_back(design, off, w, step.hold) for design, off, w in each], axis=1)
+            return MendFit(step.strength * shares, np.zeros_like(columns.light))
+        share, known, typical = said or self._said(step.scale, columns)
+        own = step.strength * share * known / np.maximum(known + step.hold * typical, TINY)
+        return MendFit(np.zeros((columns.designs.shape[2], own.shape[1])), own)
+
+    def _added(self, columns: FitColumns, fit: MendFit) -> Array:
+        """What fits add to the means of blocks: (blocks, columns)."""
+        return columns.light * fit.own + np.einsum("cbf,fc->bc", columns.designs, fit.shares)
+
+    def _share_of_mean(self, fit: MendFit, taken: Taken) -> float:
+        """The share that brings the mean of a picture that a fit changed to that of the walks, but for its doubt."""
+        sizes, y = np.where(self.blocks.matter, self.blocks.sizes, 0.0), self.blocks.y
+        total, deviation = self.missing(taken)
+        left = total - float((sizes * np.einsum("bc,c->b", self.change(fit), y)).sum())
+        sure = max(1.0 - MEAN_DOUBT * deviation**2 / max(left**2, TINY), 0.0)
+        return sure * left / max(float((sizes * np.einsum("bc,c->b", self.light, y)).sum()), TINY)
+
+    def missing(self, taken: Taken) -> tuple[float, float]:
+        """Sum over pixels of truth − full, of Y, by some of the walks, and its standard error.
+
+        In proportion to light of higher orders where not all blocks are walked.
+        """
+        sums, y = self.sums, self.blocks.y
+        count, off = (each[:, 0] for each in self._means(taken, np.einsum("bfc,c->bf", sums.total, y)))
+        pixels = np.where(count > 0, sums.stand_for, 0.0)
+        if sums.side > 1:
+            light = np.einsum("bc,c->b", self.light, y)
+            seen = light[sums.chosen]
+            ratio = float((pixels * off).sum()) / max(float((pixels * seen).sum()), TINY)
+            everywhere = float((light * self.blocks.sizes)[self.blocks.matter].sum())
+            noise = np.sqrt(np.sum((pixels * (off - ratio * seen)) ** 2)) / max(float((pixels * seen).sum()), TINY)
+            return ratio * everywhere, float(noise) * everywhere
+        n = np.maximum(count, 2.0)
+        square = sums.square[:, -1] * count / np.maximum(sums.walks.sum(axis=1), 1)
+        variance = np.maximum(square / n - off**2, 0.0) / (n - 1.0)
+        return float((pixels * off).sum()), float(np.sqrt(np.sum(pixels**2 * variance)))
 
     def change(self, fit: MendFit) -> Array:
         """What a fit adds to the means of blocks: (blocks, channels)."""
@@ -145,17 +269,25 @@ class Mender:
         return made + left[block]
 
 
-def ridge(design: Array, off: Array, weight: Array) -> Array:
-    """Shares of features, (features,), least squares with the prior of PRIORS by which the walks are likeliest."""
+def held_back(design: Array, off: Array, weight: Array, hold: float) -> Array:
+    """Shares of features, (features,), by least squares; those beside the first are held back."""
     gram = np.einsum("bf,b,bg->fg", design, weight, design)
     right = np.einsum("bf,b,b->f", design, weight, off)
-    best, chosen = 0.0, np.zeros(len(right))
-    for one in PRIORS:
-        for others in PRIORS:
-            prior = np.array([one] + [others] * (len(right) - 1))
-            matrix = np.eye(len(right)) + prior[:, None] * gram * prior
-            mean = prior * np.linalg.solve(matrix, prior * right)
-            likelihood = float(right @ mean) - float(np.linalg.slogdet(matrix)[1])
-            if likelihood > best:
-                best, chosen = likelihood, mean
-    return chosen
+    back = np.full(len(right), hold + 1e-9)
+    back[0] = 0.0
+    return np.linalg.solve(gram + np.diag(back * gram[0, 0] + TINY), right)
+
+
+def strength_of(products: Array, squares: Array) -> tuple[float, float]:
+    """What a change gains by walks that it did not see, and the part of it to take, 0…1; both without their doubt.
+
+    products: (walked, parts) of the change and what the walks find it off; squares: of the change. Their sums are P and
+    S: the part a takes 2 a P − a² S off the squares of what is off, most at P/S. The variance of P is from blocks.
+    """
+    product, square = float(products.sum()), float(squares.sum())
+    if product <= 0.0 or square <= 0.0:
+        return 0.0, 0.0
+    noise = (products - (product / square) * squares).sum(axis=1)
+    product *= max(1.0 - STEP_DOUBT * float((noise**2).sum()) / product**2, 0.0)
+    strength = min(product / square, 1.0)
+    return strength * (2.0 * product - strength * square), strength

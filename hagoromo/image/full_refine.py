@@ -54,7 +54,7 @@ def mended(
     while True:
         sums.walk_on(wanted - sums.count, through)
         mender = Mender(sums)
-        fit = mender.fitted(np.ones(sums.walks.shape, bool))
+        fit = mender.fitted(mender.all)
         error = Judge(mender).error(fit)
         wanted = _wanted(error, settings, name_of, image.alpha.shape[1])
         progress(min(sums.count / max(wanted, 1), 1.0), "walks")

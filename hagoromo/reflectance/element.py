@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Iterator
 from typing import Any, Literal, get_args
 
 import drjit as dr
@@ -20,9 +21,9 @@ from hagoromo.reflectance.facets import GAUSSIAN, LN2, facet_density_at, is_gaus
 from hagoromo.reflectance.torrance_sparrow import (
     Weights,
     cos_deviation,
-    facet_density,
     fresnel,
     squared_angle,
+    squared_angle_ahead,
     squared_angle_of,
     torrance_sparrow,
 )
@@ -122,22 +123,35 @@ def cylinder_facets(
     deviation = cos_deviation(dr.dot(to_lamp, to_eye))
     half = (lamp + eye) / (2.0 * deviation)
     q = _length(half)
-    towards_lamp = dr.acos(clip(dr.dot(lamp, half) / (sine_lamp * q), -1.0 + 1e-7, 1.0 - 1e-7))
-    towards_eye = dr.acos(clip(dr.dot(eye, half) / (sine_eye * q), -1.0 + 1e-7, 1.0 - 1e-7))
-    # lamp at +towards_lamp, eye at −towards_eye as counted from Q; both see N within ±π/2 of themselves
+    cos_lamp, cos_eye = (
+        clip(dr.dot(each, half) / (sine * q), -1.0 + 1e-7, 1.0 - 1e-7)
+        for each, sine in ((lamp, sine_lamp), (eye, sine_eye))
+    )
+    # lamp at +arccos(cos_lamp), eye at −arccos(cos_eye) as counted from Q; both see N within ±π/2 of themselves
     tail = squared_angle(q) - math.log(NEGLIGIBLE_FACETS) / LN2 * gamma * gamma
     reach = dr.acos(clip(dr.cos(dr.fmin(dr.sqrt(tail), math.pi)) / q, -1.0 + 1e-7, 1.0 - 1e-7))
-    first = dr.fmax(towards_lamp - 0.5 * math.pi, -reach)
-    last = dr.fmin(0.5 * math.pi - towards_eye, reach)
+    first = dr.fmax(dr.acos(cos_lamp) - 0.5 * math.pi, -reach)
+    last = dr.fmin(0.5 * math.pi - dr.acos(cos_eye), reach)
     width = dr.fmax(last - first, 0.0)
+    incidence_ahead, incidence_aside = sine_lamp * cos_lamp, sine_lamp * _sine(cos_lamp)
+    view_ahead, view_aside = sine_eye * cos_eye, -sine_eye * _sine(cos_eye)
+    scale, narrow = 2.0 * q / deviation, 1.0 / (gamma * gamma)
     total: Any = 0.0
-    for node, weight in _legendre(CYLINDER_NODES):
-        turn = first + width * node
-        cos_half = q * dr.cos(turn)
-        view, incidence = sine_eye * dr.cos(turn + towards_eye), sine_lamp * dr.cos(turn - towards_lamp)
-        shade = clip(2.0 * cos_half * dr.fmin(view, incidence) / deviation, 0.0, 1.0)
-        total = total + weight * facet_density(cos_half, gamma) * shade
+    for sine, cosine, weight in _turns(0.5 * (first + last), width):
+        view = dr.fma(view_ahead, cosine, view_aside * sine)
+        incidence = dr.fma(incidence_ahead, cosine, incidence_aside * sine)
+        shade = clip(scale * cosine * dr.fmin(view, incidence), 0.0, 1.0)  # 0 where φ > π/2
+        total = total + weight * dr.exp2(-squared_angle_ahead(q * cosine) * narrow) * shade
     return total * width / (2.0 * sine_eye)
+
+
+def _turns(middle: Float, width: Float) -> Iterator[tuple[Float, Float, float]]:
+    """Sine, cosine and weight of the nodes across a cylinder, which are alike on both sides of the `middle`."""
+    sine, cosine = dr.sincos(middle)
+    for node, weight in _legendre(CYLINDER_NODES)[CYLINDER_NODES // 2 :]:
+        aside, ahead = dr.sincos((node - 0.5) * width)
+        for side in (aside, -aside):
+            yield dr.fma(sine, ahead, cosine * side), dr.fma(cosine, ahead, -sine * side), weight
 
 
 def tailed_cylinder_facets(axis: Array3f, to_lamp: Array3f, to_eye: Array3f, gamma: Float, nu: Float) -> Float:

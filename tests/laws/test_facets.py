@@ -21,7 +21,14 @@ from hagoromo.reflectance.interface_albedo import VIEWS, interface_albedo
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.reflectance.reflectance_record import reflectance_from_record
 from hagoromo.reflectance.sampling import density_to_lamp
-from hagoromo.reflectance.torrance_sparrow import cos_deviation, facet_density, fresnel, squared_angle, torrance_sparrow
+from hagoromo.reflectance.torrance_sparrow import (
+    cos_deviation,
+    facet_density,
+    fresnel,
+    squared_angle,
+    squared_angle_ahead,
+    torrance_sparrow,
+)
 from hagoromo.transport.materials import Materials
 from hagoromo.transport.palette import palette_of
 from tests.oracle.radiance import camera_rays
@@ -33,6 +40,13 @@ NUS = (0.3, 0.5, 0.77, 1.0, 1.6, 3.0, 9.0, 60.0)
 
 def printed_density(angle, gamma, nu):
     return (1 + (2 ** (1 / nu) - 1) * angle**2 / gamma**2) ** -nu
+
+
+def test_the_polynomial_of_the_squared_angle_holds_to_a_right_angle():
+    """Against arccos² in double precision, from 1e-4 rad to π/2."""
+    angle = np.geomspace(1e-4, 0.5 * math.pi, 2000)
+    found = np.array(squared_angle_ahead(arrays().Float64(np.cos(angle))))
+    assert np.abs(found / np.arccos(np.cos(angle)) ** 2 - 1.0).max() < 4e-7
 
 
 @pytest.mark.parametrize("nu", NUS)

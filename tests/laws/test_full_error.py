@@ -28,11 +28,11 @@ ROWS, COLUMNS = 44, 76  # no multiples of a block
 
 class MadeUp:
     """A picture of mode full, the true light of higher orders, and walks that bring it in the mean: many bring nothing,
-    few much.
+    few much. found: the share of those that bring any.
     """
 
-    def __init__(self, seed, off=0.2, rough=0.05, size=(ROWS, COLUMNS)):
-        self.random = np.random.default_rng(seed)
+    def __init__(self, seed, off=0.2, rough=0.05, size=(ROWS, COLUMNS), found=0.2):
+        self.random, self.found = np.random.default_rng(seed), found
         y, x = np.mgrid[: size[0], : size[1]] / size[1]
         self.solved = 0.5 + x + 0.3 * np.sin(9 * y)
         own = self.random.normal(size=(-(-size[0] // BLOCK), -(-size[1] // BLOCK)))
@@ -43,8 +43,9 @@ class MadeUp:
 
     def __call__(self, pixels, numbers):
         """A `WalkThrough`."""
-        found = self.random.random(len(pixels)) < 0.2
-        brought = self.true.ravel()[pixels] * np.where(found, self.random.exponential(5.0, len(pixels)), 0.0)
+        found = self.random.random(len(pixels)) < self.found
+        much = self.random.exponential(1.0 / self.found, len(pixels))
+        brought = self.true.ravel()[pixels] * np.where(found, much, 0.0)
         return brought[:, None].astype(np.float32)
 
     def sums(self, walks, **more):
@@ -150,6 +151,20 @@ def test_the_mend_helps_where_full_is_off_and_does_little_where_it_is_right():
         noise.append(float(np.sqrt((means**2).mean())) / float((1.0 + right.true).mean()))
     assert np.mean(after) < np.mean(before) / 3.0
     assert np.mean(idle) < np.mean(noise) / 3.0
+
+
+def test_few_walks_of_which_few_bring_much_leave_a_right_picture_nearly_as_it_is():
+    """Walks of which one in 50 brings any, 4 a pixel, whose means of blocks are 39 % off, in a right picture: in
+    the mean of eight pictures the mend leaves blocks less than 0.5 % off, and the mean less than 0.2 %.
+    """
+    left = [right.off(mended_by(right, 4 * ROWS * COLUMNS)[0]) for right in map(heavy, range(8))]
+    assert np.mean([blocks for _, blocks in left]) < 0.005
+    assert abs(np.mean([mean for mean, _ in left])) < 0.002
+
+
+def heavy(seed):
+    """A picture that is right, by walks of which few bring much."""
+    return MadeUp(seed, 0.0, 0.0, found=0.02)
 
 
 def test_with_many_walks_blocks_come_to_the_truth():
