@@ -15,7 +15,6 @@ from scipy import ndimage
 
 import hagoromo as hg
 from hagoromo.files.png import write_png
-from hagoromo.light.colour import srgb_encode
 from hagoromo.matter import shape as sd
 from hagoromo.recovery.hull import signed_distance
 from studies.recover_scenes import DISTANCE, Shots, Simulated, TrueObject, around, photograph_of
@@ -194,7 +193,7 @@ def in_files(taken: Simulated, folder: Path, bits: int) -> Simulated:
         shown = np.clip(p.values / white, 0.0, 1.0)
         name, srgb = f"images/{k:04d}.png", bits == 8
         (folder / frame["file_path"]).unlink()
-        write_png(folder / name, srgb_encode(shown) if srgb else np.rint(shown * 65535.0).astype(np.uint16))
+        write_png(folder / name, hg.srgb_encode(shown) if srgb else np.rint(shown * 65535.0).astype(np.uint16))
         frame.pop("sensor", None)
         frame.update({"file_path": name} | ({"transfer": "srgb"} if srgb else {}))
     (folder / "transforms.json").write_text(json.dumps(record))

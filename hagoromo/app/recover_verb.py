@@ -64,8 +64,8 @@ def recover(
         refine: what is estimated beside the object, a list such as cameras,lamps: turn: one small turn of all cameras
             together, as of a principal point that is some pixels wrong; cameras: a small turn and shift of each;
             lamps: a factor on the strength of each; exposure: a factor on each photograph; places: a shift of each
-            lamp; masks: their outlines are moved to where photographs show them. none: nothing. auto: masks, and a turn,
-            where no lamps are known, if it predicts better.
+            lamp; masks: their outlines are moved to where photographs show them. none: nothing. auto: masks, and a
+            turn, where no lamps are known, if it predicts better.
         matter: surface; fuzzy: fibres without a surface, such as fur and down, a free density with axes and colours of
             its own; auto tries both on a coarse lattice and takes the one that predicts better.
         gloss: of a surface under known lamps. one: the whole object has one; places: it has two, and each place has

@@ -67,6 +67,9 @@ INSIDE = {  # modules of the package that a study takes apart, and why no public
     },
     # a pattern on a table, at any point in space, and JPEG files as cameras write them
     "all_around.py": {"backend", "light.colour", "matter"},
+    # forms at any point in space, masks that are some pixels off, and files of 8 and 16 bits
+    "strange_captures.py": {"files.png", "matter", "recovery.hull"},
+    "recover_strangers.py": {"backend"},
     # photographs beside cameras of another program, read as sRGB, and their masks
     "real_captures.py": {"files.png", "photograph.gather"},
     # the materials of normals that were solved before, many times over
