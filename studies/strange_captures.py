@@ -188,7 +188,7 @@ def in_files(taken: Simulated, folder: Path, bits: int) -> Simulated:
         lambda p: tuple(replace(lamp, intensity=float(np.mean(lamp.intensity)) / white) for lamp in p.lamps),
     )
     lamps.capture.save(folder, force=True)
-    record = json.loads((folder / "transforms.json").read_text())
+    record = json.loads((folder / "transforms.json").read_text(encoding="utf-8"))
     for k, (frame, p) in enumerate(zip(record["frames"], photographs, strict=True)):
         shown = np.clip(p.values / white, 0.0, 1.0)
         name, srgb = f"images/{k:04d}.png", bits == 8
@@ -196,6 +196,6 @@ def in_files(taken: Simulated, folder: Path, bits: int) -> Simulated:
         write_png(folder / name, hg.srgb_encode(shown) if srgb else np.rint(shown * 65535.0).astype(np.uint16))
         frame.pop("sensor", None)
         frame.update({"file_path": name} | ({"transfer": "srgb"} if srgb else {}))
-    (folder / "transforms.json").write_text(json.dumps(record))
+    (folder / "transforms.json").write_text(json.dumps(record), encoding="utf-8")
     aside = [each / white for each in taken.exact]
     return replace(lamps, capture=hg.load_capture(folder), exact=aside)

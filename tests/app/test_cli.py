@@ -191,6 +191,8 @@ def test_a_scene_is_photographed_measured_rendered_and_compared(tmp_path, capsys
         assert main(["info", str(tmp_path / name)]) == 0
         assert said in capsys.readouterr().out
     page = (tmp_path / "measured" / "report.html").read_text(encoding="utf-8")
+    for name in ("ns/anno.jsonld", "TR/media-frags/"):  # of the form of notes: names, which nothing loads
+        page = page.replace(f"http://www.w3.org/{name}", "", 1)
     assert "material 1" in page and "data:image" in page and not re.search(r"https?:", page)
 
 

@@ -38,7 +38,10 @@ def measured(tmp_path_factory):
 
 def test_notes_are_read_from_fragments_of_both_forms(tmp_path):
     path = tmp_path / "notes.json"
-    path.write_text(w3c((fragment("xywh=pixel:10,20.5,4,0"), "a"), ("https://x.org/canvas#xywh=3,4,0,2", "b"), id="1"))
+    path.write_text(
+        w3c((fragment("xywh=pixel:10,20.5,4,0"), "a"), ("https://x.org/canvas#xywh=3,4,0,2", "b"), id="1"),
+        encoding="utf-8",
+    )
     assert read_notes(path, (40, 30)) == (Note(12.0, 20.5, "a"), Note(3.0, 5.0, "b"))
 
 
@@ -55,19 +58,19 @@ def test_notes_are_read_from_fragments_of_both_forms(tmp_path):
 )
 def test_a_file_that_holds_no_notes_of_the_object_is_one_line(tmp_path, text, said):
     path = tmp_path / "notes.json"
-    path.write_text(text)
+    path.write_text(text, encoding="utf-8")
     with pytest.raises(InputError, match=said):
         read_notes(path, (40, 30))
 
 
 def test_notes_stand_on_the_page_as_text(measured, tmp_path, capsys):
     hostile = "</script><b>crack & loss"
-    (tmp_path / "notes.json").write_text(w3c((fragment("xywh=20,30,0,0"), hostile)))
+    (tmp_path / "notes.json").write_text(w3c((fragment("xywh=20,30,0,0"), hostile)), encoding="utf-8")
     out = tmp_path / "page.html"
     command = ["publish", str(measured[1]), "--out", str(out), "--notes", str(tmp_path / "notes.json")]
     assert main(command) == 0
-    assert hostile not in out.read_text()
-    held = re.search(r'id="hv-data">(.*?)</script>', out.read_text())
+    assert hostile not in out.read_text(encoding="utf-8")
+    held = re.search(r'id="hv-data">(.*?)</script>', out.read_text(encoding="utf-8"))
     assert held is not None and json.loads(held[1])["notes"] == [[20.0, 30.0, hostile]]
     assert main([*command[:1], "box.zarr", *command[2:], "--force"]) == 2
     assert "no measured object: leave --notes out" in capsys.readouterr().err

@@ -20,7 +20,7 @@ ROW = re.compile(r"^\| (\w+) \| 1/4 \| ([\d.]+) \(", re.MULTILINE)  # of the tab
 @real_data("uw_psm")
 def test_real_photographs_are_missed_by_what_the_page_says(tmp_path):
     """Of six objects in 1/4 size, to 5 %: a change of any fit may move one, and this says so the next morning."""
-    said = {name: float(error) for name, error in ROW.findall(PAGE.read_text())}
+    said = {name: float(error) for name, error in ROW.findall(PAGE.read_text(encoding="utf-8"))}
     assert said.keys() == set(OBJECTS)
     relit = relit_objects(DATA / "uw_psm", tmp_path / "relit", OBJECTS, shrink=4, rig=True)
     for name, predictions in relit.items():
