@@ -77,10 +77,7 @@ def publish(
     target = Path(out)
     source = measured if isinstance(measured, Measurement) else Measurement.load(measured)
     shots = capture if isinstance(capture, Capture) or capture is None else load_capture(capture)
-    height, width = (source if source.fine is None else source.fine).labels.shape
-    written = () if notes is None else read_notes(notes, (width, height))
-    found = page_source(source, shots, title, closely=True)
-    found = replace(found, facts=tuple((facts or {}).items()), notes=written)
+    found = replace(page_source(source, shots, title, True, notes), facts=tuple((facts or {}).items()))
     progress(0.3, "maps")
     if target.suffix.lower() in (".html", ".htm"):
         page = single_page(found, limit)
@@ -99,7 +96,13 @@ def publish(
     return Published(target, size, width, height, page.reduced, len(page.viewer.photographs), lost)
 
 
-def page_source(measurement: Measurement, capture: Capture | None, name: str = "", closely: bool = False) -> PageSource:
+def page_source(
+    measurement: Measurement,
+    capture: Capture | None,
+    name: str = "",
+    closely: bool = False,
+    notes: str | Path | None = None,
+) -> PageSource:
     """What a page of `measurement` is made of; see `publish`. name: of the object; "": that of the capture.
 
     closely: whether with maps and errors to look closely, which take some seconds.
@@ -112,6 +115,7 @@ def page_source(measurement: Measurement, capture: Capture | None, name: str = "
             f"the measurement is {width} × {height} px and the photographs of the capture {own.width} × {own.height}: "
             "give the capture that was measured"
         )
+    written = () if notes is None else read_notes(notes, (width, height))
     taken = measurement.photographed_with if shots is None else photographed(shots, (width, height))
     if taken is None:
         raise InputError(
@@ -127,4 +131,4 @@ def page_source(measurement: Measurement, capture: Capture | None, name: str = "
     assumptions = tuple(f"{what.capitalize()}: {said.removesuffix('.')}." for what, said in assumed)
     if measurement.health is not None:
         assumptions += tuple(f"Doubtful: {one.name}: {one.said}." for one in measurement.health.doubtful)
-    return PageSource(maps, taken, tuple(chosen(fitting, MOST_PHOTOGRAPHS)), assumptions, look)
+    return PageSource(maps, taken, tuple(chosen(fitting, MOST_PHOTOGRAPHS)), assumptions, look, notes=written)

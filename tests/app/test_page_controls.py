@@ -98,8 +98,8 @@ def test_the_ruler_measures_through_space(browser, near_page):
         if number == 0:
             opened.page.mouse.down()
     opened.page.mouse.up()
-    opened.page.wait_for_function("() => document.querySelector('#hv-overlay text')")
-    number, unit = opened.page.locator("#hv-overlay text").text_content().split()
+    opened.page.wait_for_function("() => document.querySelector('#hv-overlay text:not(.hv-bar)')")
+    number, unit = opened.page.locator("#hv-overlay text:not(.hv-bar)").text_content().split()
     true = 1000.0 * np.linalg.norm(np.subtract(*(capture.points[tuple(end)] for end in ends)))
     assert unit == "mm" and float(number) == pytest.approx(true, rel=0.02) and opened.said == []
 

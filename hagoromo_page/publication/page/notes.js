@@ -1,8 +1,8 @@
 // ---------------------------------------------------------------- scale bar, and notes on places of the picture
 // A file of notes is W3C's Web Annotation, in pixels of the photographs, as hagoromo_page/publication/notes.py reads it.
 
-const MOST_NOTES = 500, NEAR_NOTE = 14, MARK = 9;  // px of the screen: of a click that means a note, radius of its mark
-const corner = data.corner || [0, 0], LARGEST_NOTES = 2 ** 23;
+const NEAR_NOTE = 14, MARK = 9, LIMITS = data.noteLimits;  // px of the screen: of a click that means a note, radius of its mark
+const corner = data.corner || [0, 0];
 let notes = (data.notes || []).map(([x, y, text]) => ({ x, y, text })), unsaved = false, meanDepth = 0;
 
 const onPage = (note) => [(note.x - corner[0]) / data.pixel, (note.y - corner[1]) / data.pixel];
@@ -28,7 +28,7 @@ function drawNotes(at) {
 function listNotes() {
   byId("hv-notes-list").replaceChildren(...notes.map((note, k) => {
     const item = document.createElement("li"), text = document.createElement("textarea");
-    Object.assign(text, { value: note.text, rows: 2, maxLength: 2000 });
+    Object.assign(text, { value: note.text, rows: 2, maxLength: LIMITS.letters });
     text.setAttribute("aria-label", `Note ${k + 1}`);
     text.addEventListener("input", () => { note.text = text.value; unsaved = true; });
     text.addEventListener("focus", () => { const [x, y] = onPage(note); if (!seen(x, y)) { [state.x, state.y] = [x, y]; ask(); } });
@@ -48,7 +48,7 @@ function noteAt(x, y) {  // page [px]: the note there, or a new one
   const near = (NEAR_NOTE * (window.devicePixelRatio || 1)) / state.scale;
   let k = notes.findIndex((one) => Math.hypot(...onPage(one).map((v, i) => v - [x, y][i])) < near);
   if (k < 0) {
-    if (x < 0 || y < 0 || x > data.width || y > data.height || notes.length >= MOST_NOTES) return;
+    if (x < 0 || y < 0 || x > data.width || y > data.height || notes.length >= LIMITS.notes) return;
     const place = [x, y].map((v, i) => Number((corner[i] + v * data.pixel).toFixed(2)));
     k = notes.push({ x: place[0], y: place[1], text: "" }) - 1;
     unsaved = true;
@@ -68,10 +68,12 @@ function notesFile() {
 
 function takeNotes(text) {
   const items = JSON.parse(text).items, place = /xywh=(?:pixel:)?([0-9.]+),([0-9.]+),([0-9.]+),([0-9.]+)$/;
-  const made = items.slice(0, MOST_NOTES).map(({ body, target }) => {
+  const made = items.map(({ body, target }) => {
     const [x, y, w, h] = place.exec(typeof target === "string" ? target : target.selector.value).slice(1).map(Number);
-    return { x: x + w / 2, y: y + h / 2, text: String(body.value).slice(0, 2000) };
+    if (body.value.length > LIMITS.letters) throw new Error(`a note has more than ${LIMITS.letters} letters`);
+    return { x: x + w / 2, y: y + h / 2, text: String(body.value) };
   });
+  if (made.length > LIMITS.notes) throw new Error(`it has more than ${LIMITS.notes} notes`);
   const inside = (one) => onPage(one).every((v, i) => v >= 0 && v <= [data.width, data.height][i]);
   if (!made.every(inside)) throw new Error("a note lies beside this picture");
   notes = made;
@@ -93,7 +95,7 @@ function connectNotes() {
     happened.target.value = "";
     if (!file || (unsaved && !window.confirm("Replace the notes that are not saved?"))) return;
     try {
-      if (file.size > LARGEST_NOTES) throw new Error("it is larger than 8 MiB");
+      if (file.size > LIMITS.bytes) throw new Error(`it is larger than ${LIMITS.bytes >> 20} MiB`);
       takeNotes(await file.text());
       status.textContent = `${file.name}: ${notes.length} notes`;
     } catch (error) { status.textContent = `${file.name} holds no notes of this picture: ${error.message}`; }
