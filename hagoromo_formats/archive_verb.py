@@ -25,6 +25,7 @@ def archive(
     pack: bool = False,
     profile: Path | None = None,
     iiif: Annotated[str, arg(metavar="ADDRESS")] = "",
+    notes: Path | None = None,
     force: Force = False,
 ) -> None:
     """Results → what a museum keeps: a bag (BagIt) with SHA-256 of every file, Dublin Core, RO-Crate, pictures.
@@ -39,13 +40,15 @@ def archive(
             of settings).
         iiif: address at which the folder data/iiif of the bag will be served, such as https://museum.org/iiif/1889.12:
             it gets tiles of the pictures and a manifest, for viewers of IIIF.
+        notes: file of notes on the measured object, as its page saves them (W3C Web Annotation): it is kept, and the
+            pictures of the measurement carry the notes in the manifest.
     """
     place = profile_place() if profile is None else profile
     known = known_profile(place, input if sys.stdin is not None and sys.stdin.isatty() else None)
     with progress_bar("archive") as progress:
         holdings = hg.archive(
             results, out, known, inventory=inventory, title=title, photographed=date, originals=originals, pack=pack,
-            iiif=iiif, force=force, progress=progress,
+            iiif=iiif, notes=notes, force=force, progress=progress,
         )  # fmt: skip
     kept = [one for one in holdings if one.kept]
     size = sum(one.size for one in kept) / 2**20

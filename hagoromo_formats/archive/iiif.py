@@ -6,7 +6,7 @@ https://iiif.io/api/image/3.0/, https://iiif.io/api/presentation/3.0/
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.parse import quote, urlsplit
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from hagoromo.errors import InputError
 from hagoromo_formats.archive.metadata import ArchivedObject, licence_address
 from hagoromo_formats.archive.profile import ArchiveProfile
+from hagoromo_page.publication.notes import Note, selector
 
 FOLDER = "iiif/"  # of the payload
 MANIFEST = "manifest.json"
@@ -78,8 +79,14 @@ def write_tiles(name: str, pixels: NDArray[np.uint8], home: Path, address: str) 
     return TiledPicture(name, place, width, height)
 
 
-def manifest(pictures: list[TiledPicture], thing: ArchivedObject, profile: ArchiveProfile, address: str) -> str:
-    """manifest.json: one canvas a picture."""
+def manifest(
+    pictures: list[TiledPicture],
+    thing: ArchivedObject,
+    profile: ArchiveProfile,
+    address: str,
+    notes: Mapping[str, tuple[Note, ...]] | None = None,
+) -> str:
+    """manifest.json: one canvas a picture. notes: those on a picture, by its name; they become annotations."""
     place = f"{address}/{MANIFEST}"
     facts = [
         ("Inventory number", thing.inventory), ("Creator", profile.creator), ("Institution", profile.institution),
@@ -92,7 +99,7 @@ def manifest(pictures: list[TiledPicture], thing: ArchivedObject, profile: Archi
         "requiredStatement": {
             "label": _text("Attribution"), "value": _text(f"{profile.institution}, {profile.licence}"),
         },
-        "items": [_canvas(one, place) for one in pictures],
+        "items": [_canvas(one, place, (notes or {}).get(one.name, ())) for one in pictures],
     }  # fmt: skip
     if profile.licence in RIGHTS:
         record["rights"] = RIGHTS[profile.licence]
@@ -101,7 +108,7 @@ def manifest(pictures: list[TiledPicture], thing: ArchivedObject, profile: Archi
     return json.dumps(record, indent=1, ensure_ascii=False) + "\n"
 
 
-def _canvas(one: TiledPicture, manifest_place: str) -> dict[str, Any]:
+def _canvas(one: TiledPicture, manifest_place: str, notes: tuple[Note, ...]) -> dict[str, Any]:
     canvas = f"{manifest_place}/canvas/{quote(one.name)}"
     size = {"width": one.width, "height": one.height}
     body = {
@@ -112,7 +119,18 @@ def _canvas(one: TiledPicture, manifest_place: str) -> dict[str, Any]:
         "id": f"{canvas}/annotation", "type": "Annotation", "motivation": "painting", "body": body, "target": canvas,
     }  # fmt: skip
     page = {"id": f"{canvas}/page", "type": "AnnotationPage", "items": [annotation]}
-    return {"id": canvas, "type": "Canvas", "label": _text(one.name), **size, "items": [page]}
+    made: dict[str, Any] = {"id": canvas, "type": "Canvas", "label": _text(one.name), **size, "items": [page]}
+    if notes:
+        items = [
+            {
+                "id": f"{canvas}/note/{number}", "type": "Annotation", "motivation": "commenting",
+                "body": {"type": "TextualBody", "value": note.text, "format": "text/plain"},
+                "target": {"type": "SpecificResource", "source": canvas, "selector": selector(note)},
+            }
+            for number, note in enumerate(notes, 1)
+        ]  # fmt: skip
+        made["annotations"] = [{"id": f"{canvas}/notes", "type": "AnnotationPage", "items": items}]
+    return made
 
 
 def _text(text: str) -> dict[str, list[str]]:

@@ -239,6 +239,7 @@ ARCHIVE_STEP = LabStep(
         Option("inventory", "Inventory number", "--inventory", hint="needed"),
         Option("title", "Title", "--title", default=_called),
         Option("date", "Date", "--date", hint="of the photographs, such as 2026-11-27"),
+        Option("notes", "Notes", "--notes", _notes),
     ),
     reads=lambda folder: (PROFILE, PAGE, RELIT), after=(MEASURE_STEP,),
     lacks=lambda folder: () if ARCHIVE_STEP.value("inventory", folder).strip() else ("Inventory number",),

@@ -15,7 +15,7 @@ from markupsafe import Markup, escape
 from hagoromo.files.finite import finite_json
 from hagoromo.files.sources import sources
 from hagoromo.version import __version__
-from hagoromo_page.publication.notes import LARGEST_FILE, LONGEST_NOTE, MOST_NOTES
+from hagoromo_page.publication.notes import LARGEST_FILE, LONGEST_NOTE, MOST_CORNERS, MOST_NOTES
 
 FOLDER = "page"
 PARTS = ("stack.js", "profile.js", "notes.js")  # of viewer.js, which stand where it names them
@@ -50,7 +50,7 @@ def viewer_html(viewer: Viewer, alone: bool = False) -> Markup:
     """The viewer, its data and its script. alone: whether it is the only thing on its page."""
     names = ("stack",) if "stack" in viewer.data else ("shade", "shadow")
     shaders = {name: part(f"{name}.frag") for name in names}
-    limits = {"notes": MOST_NOTES, "letters": LONGEST_NOTE, "bytes": LARGEST_FILE}
+    limits = {"notes": MOST_NOTES, "letters": LONGEST_NOTE, "corners": MOST_CORNERS, "bytes": LARGEST_FILE}
     data = {**viewer.data, "alone": alone, "shaders": shaders, "noteLimits": limits}
     blocks = [
         ("hv-data", "application/json", finite_json(data, "the page", separators=(",", ":")).replace("<", "\\u003c"))

@@ -7,11 +7,14 @@ import pytest
 from PIL import Image
 
 import hagoromo as hg
+from hagoromo.errors import InputError
 from hagoromo.files.exr import write_exr
 from hagoromo.files.png import write_png
+from hagoromo.files.record import write_json
 from hagoromo.measurement.inspection.seen_surface import SeenSurface
 from hagoromo_formats.archive.measured_maps import height_over_plane, map_pictures
 from hagoromo_formats.archive.pictures import pictures_of
+from hagoromo_page.publication.notes import Note, read_notes, selector
 from tests.inverse.simulated_relief import SimulatedRelief, places, relief_camera, relief_measurement
 
 ADDRESS = "https://museum.org/iiif/1"
@@ -20,6 +23,13 @@ WIDE = "raking 1"  # of several tiles a side
 MEASURED = {"body", "normals", "body_error", "points_height", "points_error", "variance_normal_error", "gloss_beta",
             "gloss_beta_error", "gloss_gamma", "gloss_gamma_error"}  # fmt: skip
 OF_MAPS = {"curvature", "occlusion", "stretch"}
+
+
+NOTES = (
+    Note(((7.25, 9.5),), "a spot"),
+    Note(((1.0, 2.0), (9.5, 3.0)), "a crack <deep>"),
+    Note(((11.0, 2.0), (19.5, 3.0), (15.0, 8.0)), "a loss", closed=True),
+)
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +43,11 @@ def data(tmp_path_factory):
     write_png(home / "raking 1.png", np.stack([x // 5, y // 5, (x + y) // 9], axis=2).astype(np.uint8), srgb=True)
     who = hg.ArchiveProfile(creator="Ada Müller", institution="Museum of Robes", licence="CC-BY-4.0")
     results = [home / "measured", home / "maps", home / "raking 1.png"]
-    hg.archive(results, home / "bag", who, inventory="1889.12", iiif=ADDRESS)
+    write_json(
+        home / "notes.json",
+        {"items": [{"body": {"value": one.text}, "target": {"selector": selector(one)}} for one in NOTES]},
+    )
+    hg.archive(results, home / "bag", who, inventory="1889.12", iiif=ADDRESS, notes=home / "notes.json")
     return home / "bag" / "data"
 
 
@@ -76,6 +90,34 @@ def test_each_map_and_picture_is_a_canvas(data):
     expected = {f"measured/{one}" for one in MEASURED} | {f"maps/{one}" for one in OF_MAPS} | {WIDE}
     assert set(canvases(data)) == expected
     assert len({one["id"] for one in canvases(data).values()}) == len(expected)
+
+
+def test_pictures_of_the_measurement_carry_the_notes(data):
+    for name, canvas in canvases(data).items():
+        if name not in {f"measured/{one}" for one in MEASURED}:
+            assert "annotations" not in canvas
+            continue
+        ((page,), size) = canvas["annotations"], (canvas["width"], canvas["height"])
+        assert page["type"] == "AnnotationPage" and all(
+            one["target"]["source"] == canvas["id"] for one in page["items"]
+        )
+        path = data.parent / "read.json"
+        write_json(path, page)
+        assert read_notes(path, size) == NOTES
+        path.unlink()
+    assert hg.read_json(data / "notes.json")["items"][1]["body"]["value"] == NOTES[1].text
+
+
+def test_notes_need_one_measurement_and_lie_on_it(data, tmp_path):
+    who = hg.ArchiveProfile(creator="A", institution="B", licence="CC0-1.0")
+    write_json(tmp_path / "notes.json", {"items": [{"body": {"value": "a"}, "target": "#xywh=9000,1,0,0"}]})
+    for results, said in (
+        ([data / "raking 1.png"], "hold 0 measurements: give one"),
+        ([data / "measured"], "the photographs are"),
+    ):
+        with pytest.raises(InputError, match=said):
+            hg.archive(results, tmp_path / "bag", who, inventory="1", notes=tmp_path / "notes.json")
+        assert not (tmp_path / "bag").exists()
 
 
 def test_the_tiles_of_each_canvas_are_its_picture(data):

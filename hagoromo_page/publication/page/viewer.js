@@ -730,14 +730,15 @@ function connectCanvas() {
     spread = apart();
     last = middle();
     if (action === "light") lamp(p);
-    if (action === "note") { happened.preventDefault(); noteAt(...toPage(...p)); }
+    stroke = null;
+    if (action === "note") { happened.preventDefault(); stroke = [toPage(...p)]; }
     if (action === "ruler" || action === "profile") { const start = toPage(...p); ruler = [start, start]; follow(action === "profile"); ask(); }
   });
   canvas.addEventListener("pointermove", (happened) => {
     if (!pointers.has(happened.pointerId)) return;
     const p = at(happened);
     pointers.set(happened.pointerId, p);
-    if (action === "note") return;
+    if (action === "note") { if (stroke) addStroke(toPage(...p)); return; }
     if (action === "light" || action === "ruler" || action === "profile") last = p;
     if (action === "light") lamp(p);
     else if (action === "ruler" || action === "profile") { ruler = [ruler[0], toPage(...p)]; follow(action === "profile"); ask(); }
@@ -757,6 +758,8 @@ function connectCanvas() {
   });
   for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, (happened) => {
     pointers.delete(happened.pointerId);
+    if (end === "pointerup" && action === "note") endStroke();
+    stroke = null;
     if (!pointers.size) action = null; else last = middle();
   });
   canvas.addEventListener("wheel", (happened) => { happened.preventDefault(); zoom(Math.exp(-happened.deltaY * (happened.deltaMode ? 0.05 : 0.0015)), ...at(happened)); }, { passive: false });
