@@ -17,6 +17,7 @@ from hagoromo.errors import InputError
 from hagoromo.measurement.gloss.gloss_map import gloss_map
 from hagoromo.measurement.gloss.gloss_segment import split_by_gloss
 from hagoromo.measurement.material.body_map import BodyMap, Separation, body_map, separated
+from hagoromo.measurement.material.cast_shadow import without_cast_shadows
 from hagoromo.measurement.material.clipped import clipped, without_clipped_gloss, without_plateaus
 from hagoromo.measurement.material.estimate import estimate_material
 from hagoromo.measurement.material.lamp_colour import LampColour, lamp_colour
@@ -64,13 +65,15 @@ def measure_known_shape(
     capture = without_plateaus(capture)
     progress(0.0, "materials")
     labels = _labels(capture, labels)
+    whole, (capture, shadows) = capture, without_cast_shadows(capture, labels)
     colour = lamp_colour(capture, labels) if colour_from_highlights else None
     materials, labels = _materials(capture, labels, _Fitting(n, model, colour, terms), progress)
     white = None if colour is None else colour.value
     materials, gloss = gloss_map(capture, labels, materials, white)
     body = body_map(capture, labels, materials, white, gloss)
+    materials = tuple(_with_shadows(one, shadows[:, labels == k]) for k, one in enumerate(materials))
     predicted, separation = _separated(capture, body)
-    residuals = tuple(_residual(*pair) for pair in zip(capture.photographs, predicted, strict=True))
+    residuals = tuple(_residual(*pair) for pair in zip(whole.photographs, predicted, strict=True))
     normals = np.where(known_shape(capture)[..., None], np.nan_to_num(shape(capture)[1]), 0.0).astype(np.float32)
     progress(1.0, "")
     return Measurement(
@@ -95,6 +98,7 @@ def terms_of_known_shape(
     model = _model(facets, interface, colour_from_highlights)
     capture = without_plateaus(capture)
     labels = _labels(capture, labels)
+    capture = without_cast_shadows(capture, labels)[0]
 
     def profiles_of(without: Capture) -> list[TermProfile]:
         colour = lamp_colour(without, labels) if colour_from_highlights else None
@@ -146,7 +150,11 @@ def _model(facets: Facets, interface: Interface, colour_from_highlights: bool) -
 
 
 def _labels(capture: Capture, labels: NDArray[np.integer] | None) -> NDArray[np.int64]:
-    return np.asarray(split_by_gloss(capture, segment(capture)) if labels is None else labels, np.int64)
+    """Labels (h, w) as they are given, or by colour and gloss; shadows would make glosses differ."""
+    if labels is not None:
+        return np.asarray(labels, np.int64)
+    by_colour = segment(capture)
+    return np.asarray(split_by_gloss(without_cast_shadows(capture, by_colour)[0], by_colour), np.int64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,6 +220,17 @@ def _material(capture: Capture, labels: NDArray[np.integer], number: int, how: _
             raise InputError(f"{wrong}; {cut.hidden} of its values are clipped: expose shorter") from wrong
         raise
     return without_clipped_gloss(estimate, cut)
+
+
+def _with_shadows(estimate: MaterialEstimate, shadows: NDArray[np.bool_]) -> MaterialEstimate:
+    """`estimate` with a remark on its values in cast shadow (K, M)."""
+    if not shadows.any():
+        return estimate
+    remark = (
+        f"{100.0 * shadows.mean():.2g} % of its values are far darker than other photographs of their pixels let "
+        "expect, as in cast shadow: they take no part"
+    )
+    return replace(estimate, remarks=(*estimate.remarks, remark))
 
 
 def _separated(capture: Capture, body: BodyMap) -> tuple[tuple[NDArray[np.float32], ...], Separation]:

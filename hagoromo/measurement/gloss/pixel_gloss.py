@@ -24,7 +24,13 @@ from hagoromo.least_squares.loss import HUBER
 from hagoromo.measurement.facets import facet_density
 from hagoromo.measurement.observations import Observations
 from hagoromo.measurement.parameters import GAMMA_RANGE
-from hagoromo.measurement.photometric.gloss_posterior import SMALLEST_SPREAD, GlossLaw, GlossPosterior, PixelGloss
+from hagoromo.measurement.photometric.gloss_posterior import (
+    SMALLEST_SPREAD,
+    GlossLaw,
+    GlossPosterior,
+    PixelGloss,
+    narrowest,
+)
 from hagoromo.measurement.photometric.reading import PixelBodies
 from hagoromo.measurement.sight import Array, Sight
 from hagoromo.reflectance.facets import GAUSSIAN
@@ -93,7 +99,7 @@ class PixelGlossFit:
 
     def settled(self, gloss: Array, law: GlossLaw) -> tuple[Array, FitStatuses]:
         """`gloss` (P, 2) moved to the nearest maximum of the posterior at fixed weights, and how that ended."""
-        problem, tolerance = GlossPosterior(self, law), Tolerance(decrement=SMALLEST_DECREMENT)
+        problem, tolerance = GlossPosterior(self, law, self._narrowest(law)), Tolerance(decrement=SMALLEST_DECREMENT)
         solution = levenberg_marquardt(problem, self.evaluate(gloss), Damping(), tolerance, PIXEL_GLOSS_STEPS)
         return solution.state.gloss, solution.statuses
 
@@ -156,12 +162,12 @@ class PixelGlossFit:
         return np.zeros(len(self))
 
     def moved(
-        self, state: PixelGloss, step: Array, damping: Array, moving: NDArray[np.bool_]
+        self, state: PixelGloss, step: Array, damping: Array, moving: NDArray[np.bool_], narrowest: Array
     ) -> tuple[PixelGloss, Array]:
         """The state after a step of the pixels that are moving, and its length (P,)."""
         limit = LONGEST_GLOSS_STEP
         gloss = state.gloss + np.where(moving[:, None], np.clip(step, -limit, limit), 0.0)
-        gloss[:, 1] = np.clip(gloss[:, 1], *np.log(GAMMA_RANGE))
+        gloss[:, 1] = np.clip(gloss[:, 1], narrowest, np.log(GAMMA_RANGE[1]))
         return self.evaluate(gloss), np.linalg.norm(gloss - state.gloss, axis=1)
 
     def chosen(self, better: NDArray[np.bool_], trial: PixelGloss, state: PixelGloss) -> PixelGloss:
@@ -172,11 +178,13 @@ class PixelGlossFit:
     def _start(self, law: GlossLaw) -> Array:
         """(P, 2): the best of several widths, each with its best strength."""
         spread = np.sqrt(np.diag(law.covariance)) + SMALLEST_SPREAD
+        least = self._narrowest(law)
         best, lowest = np.tile(law.mean, (len(self), 1)), np.full(len(self), np.inf)
         for step in np.log(START_WIDTHS):
             if abs(step) > STARTS_WITHIN * spread[1]:
                 continue
             gloss = np.tile([law.mean[0], law.mean[1] + step], (len(self), 1))
+            gloss[:, 1] = np.maximum(gloss[:, 1], least)
             estimates = self.evaluate(gloss)
             # χ² is quadratic in the strength: take its minimum, within STARTS_WITHIN of the law
             ratio = 1.0 + estimates.score[:, 0] / np.maximum(estimates.information[:, 0, 0], 1e-300)
@@ -185,6 +193,13 @@ class PixelGlossFit:
             cost = self.evaluate(gloss).chi_square + law.loss(gloss)
             best, lowest = np.where((cost < lowest)[:, None], gloss, best), np.minimum(cost, lowest)
         return best
+
+    def _narrowest(self, law: GlossLaw) -> Array:
+        """(P,) least ln γ, by the samples that count."""
+        angle = np.full(len(self), np.pi)
+        counts = (self.weight > 0.0).any(axis=1)
+        np.minimum.at(angle, self.pixel[counts], self._lobes.least_angle[counts])
+        return narrowest(angle, self._lobes.most_tail, law)
 
     def _columns(self, gloss: Array) -> tuple[Array, Array]:
         """The interface (N, C), which is its own slope by ln β F₀, and its slope by ln γ."""
@@ -215,18 +230,23 @@ class LobeShape:
 
 
 class SampleLobes:
-    """The interface of N samples under L lamps, each with its own ln γ."""
+    """The interface of N samples under L lamps, each with its own ln γ. least_angle: (N,) to a highlight [rad]."""
 
     def __init__(self, sight: Sight, n: float, shape: LobeShape | None = None) -> None:
         shape = LobeShape() if shape is None else shape
         log_n1, self._tail = np.array([np.log(n - 1.0)]), np.array(1.0 / shape.nu)
         colour = np.array(shape.colour) if shape.colour else np.ones(sight.irradiance.shape[2])
-        self._flat, self._angle2 = [], []
+        self._flat, self._angle2, self.least_angle = [], [], sight.least_half_angle
         for lamp in range(sight.irradiance.shape[1]):
             one = Cosines(*(cosine[:, lamp : lamp + 1] for cosine in sight.cosines))
             flat = Sight(one, sight.irradiance[:, lamp : lamp + 1]).interface(np.array([FLAT]), log_n1)[0][0]
             self._flat.append(flat * colour)
             self._angle2.append(np.arccos(np.clip(one.half[:, 0], -1.0, 1.0)) ** 2)
+
+    @property
+    def most_tail(self) -> float:
+        """Largest 1/ν of the samples."""
+        return float(np.max(self._tail))
 
     def evaluate(self, log_gamma: Array) -> tuple[Array, Array]:
         """Value per unit of β F₀ at log_gamma (N,), and its derivative by ln γ: two (N, C)."""

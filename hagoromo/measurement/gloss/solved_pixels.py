@@ -18,7 +18,7 @@ from hagoromo.least_squares.loss import CAUCHY_SCALE
 from hagoromo.measurement.normals.shading import TAIL, shading, turned
 from hagoromo.measurement.normals.views import Array, Views
 from hagoromo.measurement.parameters import GAMMA_RANGE
-from hagoromo.measurement.photometric.gloss_posterior import GlossLaw, GlossPosterior, PixelGloss
+from hagoromo.measurement.photometric.gloss_posterior import GlossLaw, GlossPosterior, PixelGloss, narrowest
 from hagoromo.measurement.photometric.reading import reading
 
 COARSE = 10.0  # standard deviations of the first steps
@@ -70,10 +70,13 @@ class SolvedPixels:
         first steps are those of errors COARSE times as large.
         """
         tolerance, state, converged = Tolerance(decrement=SMALLEST_DECREMENT), start, np.zeros(0, bool)
+        least = narrowest(self._least_angle(start.normals), self.rows[0, TAIL] if self.tail is None else self.tail, law)
         for factor in (COARSE, 1.0):
             data = replace(self, variance=factor**2 * self.variance)
             state = data.state(state.gloss, state.normals, state.body)
-            solution = levenberg_marquardt(GlossPosterior(data, law), state, Damping(start=1e-2), tolerance, steps)
+            solution = levenberg_marquardt(
+                GlossPosterior(data, law, least), state, Damping(start=1e-2), tolerance, steps
+            )
             state, converged = solution.state, solution.statuses.converged
         return state, state.estimates(law, converged)
 
@@ -121,14 +124,16 @@ class SolvedPixels:
         """(P,) of the body colours, which take steps of their own."""
         return 0.5 * np.sum(state.body_score**2 / state.damped_bodies(np.zeros(len(state.loss))), axis=1)
 
-    def moved(self, state: State, step: Array, damping: Array, moving: NDArray[np.bool_]) -> tuple[State, Array]:
+    def moved(
+        self, state: State, step: Array, damping: Array, moving: NDArray[np.bool_], narrowest: Array
+    ) -> tuple[State, Array]:
         """The state after a step of the pixels that are moving, their body colours following, and its length (P,)."""
         step[:, OWN] = np.clip(step[:, OWN], -LONGEST_GLOSS_STEP, LONGEST_GLOSS_STEP)
         length = np.linalg.norm(step[:, TURNS], axis=1)
         step[:, TURNS] *= np.minimum(1.0, LONGEST_TURN / np.maximum(length, 1e-12))[:, None]
         by_body = (state.body_score - np.einsum("pic,pi->pc", state.mixed, step)) / state.damped_bodies(damping)
         gloss = state.gloss + step[:, OWN]
-        gloss[:, 1] = np.clip(gloss[:, 1], *np.log(GAMMA_RANGE))
+        gloss[:, 1] = np.clip(gloss[:, 1], narrowest, np.log(GAMMA_RANGE[1]))
         body = np.maximum(state.body + by_body, LEAST_BODY_RATIO * state.body)
         fits = np.flatnonzero(moving)
         fits = np.resize(fits, -(-PARTS * len(fits) // len(moving)) * len(moving) // PARTS)  # some of them twice
@@ -139,6 +144,14 @@ class SolvedPixels:
     def chosen(self, better: NDArray[np.bool_], trial: State, state: State) -> State:
         """Of each pixel the better one."""
         return _put(state, trial.of(better), np.flatnonzero(better))
+
+    def _least_angle(self, normals: Array) -> Array:
+        """(P,) least half angle [rad] to the highlight over the lamps whose values are used; π without any."""
+        half = self.views.to_lamp + self.views.to_eye
+        cosine = np.einsum("kpi,pi->kp", half, normals) / np.maximum(np.linalg.norm(half, axis=2), 1e-12)
+        lit = np.einsum("kpi,pi->kp", self.views.to_lamp, normals) > 0.0
+        counts = lit & np.isfinite(self.variance).any(axis=1)
+        return np.where(counts, np.arccos(np.clip(cosine, -1.0, 1.0)), np.pi).min(axis=0)
 
     def _shade(self, gloss: Array, normals: Array) -> _Shade:
         """Body and interface of all lobes together (K, P), and their slopes."""

@@ -6,21 +6,19 @@ over into another smoothly: two materials are separated by an edge, or do not to
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
+from hagoromo.measurement.material.cast_shadow import Light
 from hagoromo.measurement.nearest import nearest_known
 from hagoromo.measurement.observations import Pixels, known_shape
 from hagoromo.measurement.sight import Array, sight_of
 from hagoromo.photograph.capture import Capture
 
 MATTE = 0.35  # [rad] smallest φ above which a pixel shows more of its body than of its highlight
-SHADOWED = 0.2  # of the value that the median of the photographs lets expect: below, a pixel lies in cast shadow
 SHARE_OF_ANGLE = 0.8  # of the largest φ of a pixel: photographs above it show its body
 SMALLEST_SHARE = 0.01  # smallest share of the pixels that a material may have
 FINEST = 0.004  # chromaticity, standard deviation of the smoothing: half a step of an 8-bit photograph
@@ -81,7 +79,8 @@ def body_colours(capture: Capture, pixels: Pixels) -> BodyColour:
     lamberts = [
         np.einsum("mlc,ml->mc", geometry.irradiance, np.maximum(geometry.cosines.incidence, 0.0)) for geometry in sights
     ]
-    angles = np.where(_in_cast_shadow(capture, index, lamberts, angles >= 0.0), -1.0, angles)
+    shadowed = Light.on(capture, pixels, lamberts, angles >= 0.0).darker_than_the_others()
+    angles = np.where(shadowed, -1.0, angles)
     chosen = (angles >= SHARE_OF_ANGLE * angles.max(axis=0)) & (angles >= 0.0)
     value = np.zeros((len(pixels), capture.photographs[0].values.shape[2]))
     variance, light = value.copy(), value.copy()
@@ -91,27 +90,6 @@ def body_colours(capture: Capture, pixels: Pixels) -> BodyColour:
         light += np.where(taken[:, None], lambert, 0.0)
     light = np.where(light > 0.0, light, np.nan)
     return BodyColour(value / light, variance / light**2, angles.max(axis=0) >= MATTE)
-
-
-def _in_cast_shadow(
-    capture: Capture, index: tuple[NDArray[np.intp], ...], lamberts: Sequence[Array], usable: NDArray[np.bool_]
-) -> NDArray[np.bool_]:
-    """(K, M) photographs that show a pixel far darker than the median of the others does, beyond noise.
-
-    lamberts: irradiance (M, C) on the pixels in each. usable: (K, M).
-    """
-    value, error, light = (
-        np.stack(of) for of in (
-            [photograph.values[index].sum(axis=1, dtype=np.float64) for photograph in capture.photographs],
-            [np.sqrt(photograph.variance[index].sum(axis=1, dtype=np.float64)) for photograph in capture.photographs],
-            [lambert.sum(axis=1) for lambert in lamberts],
-        )
-    )  # fmt: skip
-    ratio = np.where(usable & (light > 0.0), value / np.where(light > 0.0, light, 1.0), np.nan)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # pixels that no photograph shows
-        usual = np.nanmedian(ratio, axis=0)
-    return value + 3.0 * error < SHADOWED * usual * light
 
 
 def interior(labels: NDArray[np.integer], number: int) -> NDArray[np.bool_]:

@@ -25,6 +25,9 @@ from hagoromo.measurement.sight import Array
 
 SMALLEST_SPREAD = 1e-4  # standard deviation added to a law, so that its covariance can be inverted
 GLOSS = np.s_[-2:]  # places of ln β and ln γ among the unknowns of a pixel
+BRIGHTEST_UNSEEN = 10.0  # peak of a pixel's lobe over its value under the lamp that comes nearest to it, at most
+USUAL = 2.0  # standard deviations of ln γ below the law's mean that a pixel may have, whatever its lamps show
+SMALLEST_TAIL = 1e-9  # 1/ν: below, facets are as good as Gaussian
 GLOSS_LAW_STEPS = 200  # of expectation maximisation
 LARGEST_CHANGE = 1e-3  # relative change of the covariance in a step: below it the search has converged
 
@@ -95,9 +98,11 @@ class GlossPixels(Protocol[State]):
         """(P,) by which the eliminated body colours, where they are not at their best, would lower half the loss."""
         ...
 
-    def moved(self, state: State, step: Array, damping: Array, moving: NDArray[np.bool_]) -> tuple[State, Array]:
+    def moved(
+        self, state: State, step: Array, damping: Array, moving: NDArray[np.bool_], narrowest: Array
+    ) -> tuple[State, Array]:
         """The state after a step (P, Q) that was damped by `damping` (P,), shortened where it is long, of the pixels
-        that are moving; its length (P,).
+        that are moving; its length (P,). narrowest: (P,) least ln γ.
         """
         ...
 
@@ -107,10 +112,13 @@ class GlossPixels(Protocol[State]):
 
 
 class GlossPosterior(Generic[State]):
-    """The posterior of pixels under a law, as a problem of `least_squares`; the cost is half of χ² and of the law's."""
+    """The posterior of pixels under a law, as a problem of `least_squares`; the cost is half of χ² and of the law's.
 
-    def __init__(self, pixels: GlossPixels[State], law: GlossLaw) -> None:
-        self.pixels, self.law, self.prior = pixels, law, law.information
+    narrowest: (P,) least ln γ of each pixel, see `narrowest`.
+    """
+
+    def __init__(self, pixels: GlossPixels[State], law: GlossLaw, narrowest: Array) -> None:
+        self.pixels, self.law, self.prior, self.narrowest = pixels, law, law.information, narrowest
 
     def cost(self, state: State) -> Array:
         """(P,)"""
@@ -119,9 +127,9 @@ class GlossPosterior(Generic[State]):
     def decrement(self, state: State, moving: NDArray[np.bool_]) -> Array:
         """(P,) of the cost, without ln γ where it is held at a limit of its range."""
         curvature, score = self._equations(state)
-        low, high = np.log(GAMMA_RANGE)
+        high = np.log(GAMMA_RANGE[1])
         log_gamma, pull = state.gloss[:, 1], score[:, -1]
-        held = ((log_gamma <= low) & (pull < 0.0)) | ((log_gamma >= high) & (pull > 0.0))
+        held = ((log_gamma <= self.narrowest) & (pull < 0.0)) | ((log_gamma >= high) & (pull > 0.0))
         whole, without = (_newton(curvature[:, :size, :size], score[:, :size]) for size in (None, -1))
         return np.where(held, without, whole) + self.pixels.further_decrement(state)
 
@@ -129,7 +137,7 @@ class GlossPosterior(Generic[State]):
         """The state after a damped step of the pixels that are moving."""
         curvature, score = self._equations(state, damping)
         step = np.asarray(np.linalg.solve(curvature, score[..., None])[..., 0], np.float64)
-        return self.pixels.moved(state, step, damping, moving)
+        return self.pixels.moved(state, step, damping, moving, self.narrowest)
 
     def chosen(self, better: NDArray[np.bool_], trial: State, state: State) -> State:
         """Of each pixel the better one."""
@@ -145,6 +153,20 @@ class GlossPosterior(Generic[State]):
         pull = score.copy()
         pull[:, GLOSS] -= (state.gloss - self.law.mean) @ self.prior
         return curvature, pull
+
+
+def narrowest(least_angle: Array, tail: Array | float, law: GlossLaw) -> Array:
+    """(P,) least ln γ of pixels to whose highlights some lamp comes as near as the half angle `least_angle` (P,) [rad].
+
+    A narrower lobe would be over BRIGHTEST_UNSEEN times as bright at its peak as any photograph shows it, and its
+    strength a guess, which has no bound where an edge or a cast shadow is off. What is usual under the law may be in
+    any case. tail: 1/ν of the facets.
+    """
+    tail = np.maximum(tail, SMALLEST_TAIL)
+    widths = np.sqrt(np.expm1(tail * np.log(BRIGHTEST_UNSEEN)) / np.expm1(tail * np.log(2.0)))  # φ/γ where D is as low
+    usual = law.mean[1] - USUAL * np.sqrt(law.covariance[1, 1])
+    seen = np.log(np.maximum(least_angle, GAMMA_RANGE[0]) / widths)
+    return np.clip(np.minimum(seen, usual), *np.log(GAMMA_RANGE))
 
 
 def _newton(curvature: Array, score: Array) -> Array:

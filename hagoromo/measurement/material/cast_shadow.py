@@ -1,0 +1,115 @@
+"""Cast shadows on a known shape: photographs that show a pixel far darker than the others of it do.
+
+The lamp that throws the shadow reaches the pixel by its normal, but something stands in its way. Such a value says
+nothing of the reflectance. A robust fit of a whole material leaves it out; of one pixel, which a few photographs show,
+it would take a fifth or a third for gloss.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.measurement.observations import Pixels, known_shape
+from hagoromo.measurement.sight import Array, sight_of
+from hagoromo.photograph.capture import Capture
+
+SHADOWED = 0.2  # of the value that the median of the photographs lets expect: below, a pixel lies in cast shadow
+DUSK = 0.85  # of that value: below, a pixel that touches a shadow lies in its soft edge
+WIDEST = 12  # [px] width of a soft edge
+DULL = 25.0  # percentile of value over light within a material: a highlight makes the others of a pixel look dark
+FEWEST_SEEN = 3  # photographs of a pixel, of which the median is one that is not in shadow
+FEWEST_SHADOWED = 9  # pixels of one shadow: fewer are noise, dust or the edge of another material
+
+
+@dataclass(frozen=True, eq=False)
+class Light:
+    """What K photographs show of M pixels, each summed over the channels.
+
+    value, error: (K, M) and its standard deviation. light: (K, M) irradiance on the surface. usable: (K, M) whether the
+    value is valid, lit and not seen at a grazing angle.
+    """
+
+    value: Array
+    error: Array
+    light: Array
+    usable: NDArray[np.bool_]
+
+    @staticmethod
+    def on(capture: Capture, pixels: Pixels, lamberts: Sequence[Array], usable: NDArray[np.bool_]) -> Light:
+        """lamberts: irradiance (M, C) on the pixels in each photograph."""
+        index, photographs = (pixels.rows, pixels.columns), capture.photographs
+        value = np.stack([one.values[index].sum(axis=1, dtype=np.float64) for one in photographs])
+        variance = np.stack([one.variance[index].sum(axis=1, dtype=np.float64) for one in photographs])
+        return Light(value, np.sqrt(variance), np.stack([one.sum(axis=1) for one in lamberts]), usable)
+
+    @property
+    def ratio(self) -> Array:
+        """(K, M) value over light, NaN where it is not usable."""
+        lit = self.usable & (self.light > 0.0)
+        return np.where(lit, self.value / np.where(lit, self.light, 1.0), np.nan)
+
+    def darker_than(self, usual: Array | float) -> NDArray[np.bool_]:
+        """(K, M) whether a value is, beyond noise, below what the ratio `usual`, (M,) or one, lets expect."""
+        return self.value + 3.0 * self.error < usual * self.light
+
+    def darker_than_the_others(self, share: float = SHADOWED) -> NDArray[np.bool_]:
+        """(K, M) photographs that show a pixel darker than `share` of what the median of all shows."""
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)  # pixels that no photograph shows
+            return self.darker_than(share * np.nanmedian(self.ratio, axis=0))
+
+
+def without_cast_shadows(capture: Capture, labels: NDArray[np.integer]) -> tuple[Capture, NDArray[np.bool_]]:
+    """`capture` with masked cast shadows, and these: (K, h, w), with their soft edges and the pixels around them.
+
+    labels: (h, w) materials. A value counts as shadowed that is far darker than the other photographs of its pixel let
+    expect and than the duller part of its material does; a shadow has FEWEST_SHADOWED pixels that touch. Its soft edge
+    is what is darker than usual around it.
+    """
+    from scipy.ndimage import binary_dilation, label
+
+    shadows = np.zeros((len(capture.photographs), *labels.shape), bool)
+    around = np.ones((3, 3))
+    for number in np.unique(labels[labels >= 0]):
+        region = (labels == number) & known_shape(capture)
+        pixels = Pixels.where(capture, region)
+        index = pixels.rows, pixels.columns
+        sights = [sight_of(photograph, pixels.points, pixels.normals) for photograph in capture.photographs]
+        usable = np.stack([
+            sight.fit_to_use & photograph.mask[index]
+            for sight, photograph in zip(sights, capture.photographs, strict=True)
+        ])  # fmt: skip
+        lamberts = [
+            np.einsum("mlc,ml->mc", sight.irradiance, np.maximum(sight.cosines.incidence, 0.0)) for sight in sights
+        ]
+        light = Light.on(capture, pixels, lamberts, usable)
+        known = light.ratio[np.isfinite(light.ratio)]
+        if not known.size:
+            continue
+        compared = usable & (usable.sum(axis=0) >= FEWEST_SEEN)
+        dull = float(np.percentile(known, DULL))
+        dark, dusky = (
+            compared & light.darker_than_the_others(share) & light.darker_than(share * dull)
+            for share in (SHADOWED, DUSK)
+        )
+        for shadow, found, beside in zip(shadows, dark, dusky, strict=True):
+            on, edge = np.zeros(labels.shape, bool), np.zeros(labels.shape, bool)
+            on[index], edge[index] = found, beside
+            parts, count = label(on, around)
+            large = np.flatnonzero(np.bincount(parts.ravel(), minlength=count + 1) >= FEWEST_SHADOWED)
+            on &= np.isin(parts, large)
+            if on.any():
+                on = binary_dilation(on, around, WIDEST, on | edge)
+                shadow |= np.asarray(binary_dilation(on, around), np.bool_) & region
+    if not shadows.any():
+        return capture, shadows
+    lit = (
+        replace(photograph, mask=photograph.mask & ~shadow)
+        for photograph, shadow in zip(capture.photographs, shadows, strict=True)
+    )
+    return replace(capture, photographs=tuple(lit)), shadows
