@@ -49,6 +49,19 @@ def test_two_colours_with_an_edge_are_two(blur):
     assert max(np.mean((labels == k)[known] == (share > 0.5)[known]) for k in range(2)) > 0.95
 
 
+def test_pixels_of_another_brightness_in_a_uniform_material_have_their_own_body():
+    """A speck eight times as bright, of the same chromaticity: to 5 %; all else has the one colour of the material."""
+    speck = np.hypot(ROWS + 0.1, COLUMNS - 0.2) < 0.09
+    body: Any = np.where(speck[..., None], 8.0, 1.0) * (0.1 * RED)
+    capture = simulate([BallMaterial(body, 0.3, 0.2, 1.5)], 3, SIZE, angles=ANGLES)
+    found = measure_known_shape(capture, labels=np.where(segment(capture) >= 0, 0, -1))
+    (material,) = found.materials
+    assert found.body is not None and material.texture is not None and not material.texture["per_pixel"]
+    value, known = found.body.value, found.labels == 0
+    assert value[speck & known] == pytest.approx(np.broadcast_to(0.8 * RED, value[speck & known].shape), rel=0.05)
+    assert np.ptp(value[~speck & known], axis=0) == pytest.approx(0.0, abs=1e-12) and (speck & known).sum() > 15
+
+
 def test_a_cast_shadow_makes_no_hole():
     """A patch is in shadow in the photograph that its body colour would be read from, and lit in the others."""
     capture = ball((COLUMNS > 0.1).astype(float))

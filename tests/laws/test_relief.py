@@ -53,6 +53,19 @@ def test_a_relief_in_perspective_shows_its_surface():
     assert np.sqrt(np.mean(difference**2)) < 0.01
 
 
+def test_two_materials_of_one_body_have_no_line_between_them():
+    """Of other α, with body colours that make up for it: they look like one, to 1 %; of their own α a line shone."""
+    _, relief = ball()
+    materials = [replace(MATTE, beta=0.0), replace(MATTE, alpha=0.02, beta=0.0, body_colour=Spectrum.constant(10.0))]
+    columns = np.arange(CAMERA.width)
+    halves = replace(relief, labels=np.where(relief.labels >= 0, (columns > 70).astype(int), -1))
+    one, two = (relief_plan(of, CAMERA, some).box() for of, some in ((relief, materials[:1]), (halves, materials)))
+    assert CAMERA.response is not None
+    alike, parted = (render(Scene(CAMERA, (LAMP,), (box,))).expose(CAMERA.response) for box in (one, two))
+    inside = np.asarray(binary_erosion(relief.known(), iterations=3), np.bool_)
+    assert np.abs(parted - alike)[inside].max() < 0.01 * alike[inside].max()
+
+
 @pytest.mark.parametrize("focal", [430.0, 43.0])
 def test_what_is_not_occupied_holds_no_matter(focal):
     """Everywhere on the lattice, for balls of the size of one brick and of many, through a long lens and a wide one."""

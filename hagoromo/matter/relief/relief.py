@@ -77,8 +77,9 @@ def relief_plan(
     """The box of the skin of `relief`, as `camera` saw it.
 
     The box lies along the camera's axes (x right, y down, z away), with voxels of one pixel at the mean depth.
-    materials: by label, of the surface; the body colour of a voxel is that of its pixel, on `basis` (default
-    `smooth_rgb_basis`), over α. `InputError` when nothing is known or the lens is distorted.
+    materials: by label, of the surface; in the box they have one α, so that colours between two of them are between
+    theirs. The body colour of a voxel is that of its pixel, on `basis` (default `smooth_rgb_basis`), over that α.
+    `InputError` when nothing is known or the lens is distorted.
     """
     if any(camera.distortion):
         raise InputError("a relief needs photographs without lens distortion: undistort them first")
@@ -101,8 +102,8 @@ def relief_plan(
     to_world = camera.camera_to_world.copy()
     to_world[:3, 3] += to_world[:3, :3] @ low
     facing = relief.normals @ pose[:, :3].T
-    alphas = np.array([material.alpha for material in materials])
-    colour = relief.body / alphas[np.maximum(relief.labels, 0)][..., None]
+    alpha = max(material.alpha for material in materials) or 1.0  # where nothing has a body
+    colour = np.asarray(relief.body, np.float64) / alpha
     places = np.zeros((*known.shape, 3))
     places[known] = local - low
     surfaces = relief.labels if relief.surfaces is None else relief.surfaces
@@ -111,13 +112,20 @@ def relief_plan(
     header = BoxHeader(
         voxel,
         DEPTH / (SKIN_VOXELS * voxel),
-        tuple(replace(material, element="plane") for material in materials),
+        tuple(_with_alpha(material, alpha) for material in materials),
         to_world,
         tuple(smooth_rgb_basis() if basis is None else basis),
         "relief",
         shadow_bias=SHADOW_BIAS_VOXELS * voxel,
     )
     return BoxPlan(header, FieldBlocks(field, (shape[2], shape[1], shape[0]), voxel, field.occupied))
+
+
+def _with_alpha(material: Reflectance, alpha: float) -> Reflectance:
+    """The material on plane elements, of the same α c_b."""
+    body = material.body_colour
+    scaled = Spectrum(body.wavelengths, body.values * (material.alpha / alpha))
+    return replace(material, element="plane", alpha=alpha, body_colour=scaled)
 
 
 def _without_spikes(known: NDArray[np.bool_], local: NDArray[np.float64], voxel: float) -> NDArray[np.float64]:

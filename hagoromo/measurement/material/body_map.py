@@ -35,6 +35,8 @@ PASSES = 3  # of re-weighting: shadows and dust lose their weight in two
 MODEL_ERROR = 0.01  # relative, of the model, beside the noise
 LEAST_VARIATION = 1e-3  # relative, of a body colour that varies
 FARTHEST_BODY = 4.0  # standard deviations of the variation between the start of a pixel's body colour and the mean
+ANY_BODY = {"variation": 1e3}  # as good as no prior
+OTHER_BODY, OTHER_SIGMA = 0.25, 8.0  # relative, and in standard deviations: a pixel farther off has a body of its own
 DARKEST = 1e-6  # of the largest irradiance of a photograph: pixels with less carry no information
 TRUST = 0.3  # relative error assumed for the materials' interface part
 FLOOR = 0.01  # of the value: error of that part where the materials have no highlight
@@ -123,6 +125,10 @@ def body_map(
             own, spread = _own(capture, pixels, material, white)
             known = np.isfinite(spread)
             value[index], error[index] = np.where(known, own, mean), np.where(known, spread, error[index])
+        else:
+            own, spread = _own(capture, pixels, replace(material, texture=ANY_BODY), white)
+            other = _is_other(own, spread, mean)
+            value[index], error[index] = np.where(other, own, mean), np.where(other, spread, error[index])
     return BodyMap(value, error, tuple(materials), labels, white, gloss)
 
 
@@ -151,6 +157,13 @@ def _own(capture: Capture, pixels: Pixels, material: MaterialEstimate, white: Ar
         body = rhs / power
     seen = np.any([used for _, used, _ in views], axis=0)
     return body, np.where(seen, 1.0 / np.sqrt(power), np.inf)
+
+
+def _is_other(own: Array, spread: Array, mean: Array) -> NDArray[np.bool_]:
+    """(M, 1) pixels that are not of their material's one body colour `mean` (C,): stray ones at its border, or dirt."""
+    off, sigma = (own - mean).sum(axis=1), np.sqrt((spread**2).sum(axis=1))
+    other = (np.abs(off) > OTHER_BODY * mean.sum()) & (np.abs(off) > OTHER_SIGMA * sigma)
+    return other[:, None]
 
 
 def _own_interface(sight: Sight, material: MaterialEstimate, gloss: GlossMap, index: tuple[NDArray, NDArray]) -> Array:
