@@ -163,6 +163,7 @@ def test_the_page_measures_skin_from_a_chart_and_three_photographs(session):
     assert set(hg.read_table(out / "spectra.csv")) >= {"wavelength_nm", "forearm", "forearm low", "forearm high"}
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [

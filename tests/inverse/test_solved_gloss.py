@@ -181,6 +181,7 @@ def test_tails_that_are_alike_stay_one(amount):
     assert found.own is None or not np.ptp(found.own.value[:, 2])
 
 
+@pytest.mark.nightly
 def test_maps_of_tails_are_written_read_and_used(in_halves, tmp_path):
     """The prediction of the photographs, gloss.exr, and the classes of a box have the tail of each pixel."""
     capture, views, fit = in_halves
