@@ -226,7 +226,7 @@ def separated(photograph: Photograph, parts: SeparatedParts, number: int) -> Sep
         by_colour, variance = (cc * ev - ce * cv) / determinant, cc / determinant
         by_material = (parts.interface * e).sum(axis=2)
         spread = (TRUST * by_material) ** 2 + FLOOR**2 * (values**2).sum(axis=2)
-        strength = (by_colour / variance + by_material / spread) / (1.0 / variance + 1.0 / spread)
+        strength = (by_colour * spread + by_material * variance) / (variance + spread)  # by the inverse variances
         most = np.min(np.where(e > 0.0, values / np.where(e > 0.0, e, 1.0), np.inf), axis=2)
         interface = np.clip(strength, 0.0, np.maximum(most, 0.0))[..., None] * e
     return Separation(number, values - interface, interface)
