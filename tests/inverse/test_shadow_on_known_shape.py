@@ -9,7 +9,7 @@ import pytest
 from hagoromo.measurement.known_shape import measure_known_shape
 from hagoromo.measurement.material.cast_shadow import without_cast_shadows
 from hagoromo.measurement.observations import Pixels
-from hagoromo.measurement.photometric.gloss_posterior import BRIGHTEST_UNSEEN, GlossLaw, narrowest
+from hagoromo.measurement.photometric.gloss_posterior import BRIGHTEST_UNSEEN, GlossLaw, least_log_gamma
 from hagoromo.measurement.sight import sight_of
 from hagoromo.reflectance.facets import LN2
 from tests.inverse.simulated_ball import BallMaterial, simulate
@@ -98,7 +98,7 @@ def test_what_is_dark_by_itself_is_no_shadow(material):
 def test_a_lobe_is_no_brighter_than_what_was_seen_lets_guess(tail):
     law = GlossLaw(np.array([0.0, np.log(0.3)]), np.diag([0.1, 0.04]))
     angles = np.array([0.1, 0.5, 1.2])
-    gamma = np.exp(narrowest(angles, tail, law))
+    gamma = np.exp(least_log_gamma(angles, tail, law))
     usual = 0.3 * np.exp(-2.0 * 0.2)
     seen = (
         np.exp(-LN2 * (angles / gamma) ** 2)

@@ -29,7 +29,7 @@ from hagoromo.measurement.photometric.gloss_posterior import (
     GlossLaw,
     GlossPosterior,
     PixelGloss,
-    narrowest,
+    least_log_gamma,
 )
 from hagoromo.measurement.photometric.reading import PixelBodies
 from hagoromo.measurement.sight import Array, Sight
@@ -199,7 +199,7 @@ class PixelGlossFit:
         angle = np.full(len(self), np.pi)
         counts = (self.weight > 0.0).any(axis=1)
         np.minimum.at(angle, self.pixel[counts], self._lobes.least_angle[counts])
-        return narrowest(angle, self._lobes.most_tail, law)
+        return least_log_gamma(angle, self._lobes.most_tail, law)
 
     def _columns(self, gloss: Array) -> tuple[Array, Array]:
         """The interface (N, C), which is its own slope by ln β F₀, and its slope by ln γ."""

@@ -18,7 +18,7 @@ from hagoromo.least_squares.loss import CAUCHY_SCALE
 from hagoromo.measurement.normals.shading import TAIL, shading, turned
 from hagoromo.measurement.normals.views import Array, Views
 from hagoromo.measurement.parameters import GAMMA_RANGE
-from hagoromo.measurement.photometric.gloss_posterior import GlossLaw, GlossPosterior, PixelGloss, narrowest
+from hagoromo.measurement.photometric.gloss_posterior import GlossLaw, GlossPosterior, PixelGloss, least_log_gamma
 from hagoromo.measurement.photometric.reading import reading
 
 COARSE = 10.0  # standard deviations of the first steps
@@ -70,7 +70,9 @@ class SolvedPixels:
         first steps are those of errors COARSE times as large.
         """
         tolerance, state, converged = Tolerance(decrement=SMALLEST_DECREMENT), start, np.zeros(0, bool)
-        least = narrowest(self._least_angle(start.normals), self.rows[0, TAIL] if self.tail is None else self.tail, law)
+        least = least_log_gamma(
+            self._least_angle(start.normals), self.rows[0, TAIL] if self.tail is None else self.tail, law
+        )
         for factor in (COARSE, 1.0):
             data = replace(self, variance=factor**2 * self.variance)
             state = data.state(state.gloss, state.normals, state.body)

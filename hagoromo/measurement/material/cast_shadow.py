@@ -27,7 +27,7 @@ FEWEST_SHADOWED = 9  # pixels of one shadow: fewer are noise, dust or the edge o
 
 
 @dataclass(frozen=True, eq=False)
-class Light:
+class PixelLight:
     """What K photographs show of M pixels, each summed over the channels.
 
     value, error: (K, M) and its standard deviation. light: (K, M) irradiance on the surface. usable: (K, M) whether the
@@ -40,12 +40,12 @@ class Light:
     usable: NDArray[np.bool_]
 
     @staticmethod
-    def on(capture: Capture, pixels: Pixels, lamberts: Sequence[Array], usable: NDArray[np.bool_]) -> Light:
+    def on(capture: Capture, pixels: Pixels, lamberts: Sequence[Array], usable: NDArray[np.bool_]) -> PixelLight:
         """lamberts: irradiance (M, C) on the pixels in each photograph."""
         index, photographs = (pixels.rows, pixels.columns), capture.photographs
         value = np.stack([one.values[index].sum(axis=1, dtype=np.float64) for one in photographs])
         variance = np.stack([one.variance[index].sum(axis=1, dtype=np.float64) for one in photographs])
-        return Light(value, np.sqrt(variance), np.stack([one.sum(axis=1) for one in lamberts]), usable)
+        return PixelLight(value, np.sqrt(variance), np.stack([one.sum(axis=1) for one in lamberts]), usable)
 
     @property
     def ratio(self) -> Array:
@@ -87,7 +87,7 @@ def without_cast_shadows(capture: Capture, labels: NDArray[np.integer]) -> tuple
         lamberts = [
             np.einsum("mlc,ml->mc", sight.irradiance, np.maximum(sight.cosines.incidence, 0.0)) for sight in sights
         ]
-        light = Light.on(capture, pixels, lamberts, usable)
+        light = PixelLight.on(capture, pixels, lamberts, usable)
         known = light.ratio[np.isfinite(light.ratio)]
         if not known.size:
             continue

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
-from hagoromo.measurement.material.cast_shadow import Light
+from hagoromo.measurement.material.cast_shadow import PixelLight
 from hagoromo.measurement.nearest import nearest_known
 from hagoromo.measurement.observations import Pixels, known_shape
 from hagoromo.measurement.sight import Array, sight_of
@@ -79,7 +79,7 @@ def body_colours(capture: Capture, pixels: Pixels) -> BodyColour:
     lamberts = [
         np.einsum("mlc,ml->mc", geometry.irradiance, np.maximum(geometry.cosines.incidence, 0.0)) for geometry in sights
     ]
-    shadowed = Light.on(capture, pixels, lamberts, angles >= 0.0).darker_than_the_others()
+    shadowed = PixelLight.on(capture, pixels, lamberts, angles >= 0.0).darker_than_the_others()
     angles = np.where(shadowed, -1.0, angles)
     chosen = (angles >= SHARE_OF_ANGLE * angles.max(axis=0)) & (angles >= 0.0)
     value = np.zeros((len(pixels), capture.photographs[0].values.shape[2]))

@@ -114,7 +114,7 @@ class GlossPixels(Protocol[State]):
 class GlossPosterior(Generic[State]):
     """The posterior of pixels under a law, as a problem of `least_squares`; the cost is half of χ² and of the law's.
 
-    narrowest: (P,) least ln γ of each pixel, see `narrowest`.
+    narrowest: (P,) least ln γ of each pixel, see `least_log_gamma`.
     """
 
     def __init__(self, pixels: GlossPixels[State], law: GlossLaw, narrowest: Array) -> None:
@@ -155,7 +155,7 @@ class GlossPosterior(Generic[State]):
         return curvature, pull
 
 
-def narrowest(least_angle: Array, tail: Array | float, law: GlossLaw) -> Array:
+def least_log_gamma(least_angle: Array, tail: Array | float, law: GlossLaw) -> Array:
     """(P,) least ln γ of pixels to whose highlights some lamp comes as near as the half angle `least_angle` (P,) [rad].
 
     A narrower lobe would be over BRIGHTEST_UNSEEN times as bright at its peak as any photograph shows it, and its
