@@ -58,7 +58,7 @@ class NearSurface:
         before = np.zeros(len(self.places))
         for way in np.arange(INWARDS, THICK + INWARDS, INWARDS):
             value = np.array(self.field.value_at(vectors(self.places - way * self.normals)), np.float64)
-            ends = np.isinf(found) & (value > 0.0) & (before < 0.0)
+            ends = np.isinf(found) & (value >= 0.0) & (before < 0.0)
             share = before[ends] / (before[ends] - value[ends])
             found[ends] = way - INWARDS + INWARDS * share
             before = value
