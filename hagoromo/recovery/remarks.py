@@ -44,7 +44,11 @@ def remarks_on(recovered: Recovered) -> list[str]:
 def _of_brightness(recovered: Recovered) -> str:
     what, why = "light that is sent out", "the unit of the photographs is no share of all light"
     if recovered.lit:
-        what, why = "body colours", "lamps are stated too weak or too far for the values of the photographs"
+        what = "body colours"
+        why = (
+            "lamps are stated too weak or too far for the values of the photographs, or parts of a white object light "
+            "each other"
+        )
     return (
         f"{what} reach {recovered.brightest:.3g}, and 1 is all light: {why}. Only their ratios are known; box and mesh "
         f"are dimmed by {recovered.dim:.3g}"

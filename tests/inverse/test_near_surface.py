@@ -1,5 +1,7 @@
 """What stands behind and before the places of a surface, against exact shapes."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,7 +12,7 @@ from hagoromo.recovery.distance_field import DistanceField
 from hagoromo.recovery.errors import errors_of
 from hagoromo.recovery.evidence import Evidence
 from hagoromo.recovery.lattice import Lattice
-from hagoromo.recovery.light_between import object_seen
+from hagoromo.recovery.light_between import light_between, object_seen
 from hagoromo.recovery.near_surface import NearSurface, on_surface
 from hagoromo.recovery.pixel_table import PixelTable
 from hagoromo.recovery.shading import START, coordinates
@@ -18,7 +20,7 @@ from hagoromo.recovery.silhouettes import views_of
 from hagoromo.recovery.surface_march import SurfaceMarch
 from hagoromo.recovery.surface_shape import SurfaceShape
 from studies.recover_scenes import TrueObject, shots, simulated
-from studies.strange_captures import ThinPlate
+from studies.strange_captures import Bowl, ThinPlate
 
 NODES = 28
 
@@ -125,6 +127,14 @@ def test_outlines_outside_of_those_of_masks_are_measured_and_said():
     assert abs(right.beyond) < 0.12 * right.lattice.voxel
     assert any("mm outside its masks" in said for said in large.record()["remarks"])
     assert right.record()["remarks"] == []
+
+
+def test_light_between_parts_of_a_white_bowl_is_said():
+    """Of its true shape, and of none that bulges."""
+    bowl, ball = (recovered_of(truth, 0.0, 32) for truth in (Bowl(), Ball()))
+    white = replace(bowl, colours=np.full_like(bowl.colours, 0.8))
+    assert any("from other parts of the object" in said for said in white.record()["remarks"])
+    assert light_between(replace(ball, colours=np.full_like(ball.colours, 0.8))).max() < 0.02
 
 
 def test_a_thin_plate_is_said_to_be_thin(tmp_path):
