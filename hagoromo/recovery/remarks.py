@@ -29,9 +29,9 @@ def remarks_on(recovered: Recovered) -> list[str]:
             f"{100.0 * recovered.never_shown:.0f} % of the surface is lit in no photograph: its body colours are not "
             "known, and it is closed smoothly"
         )
-    said += _of_thin_matter(recovered) if recovered.matter == "surface" else []
-    said += _of_sharp_edges(recovered)
-    said += _of_light_between(recovered) if recovered.matter == "surface" and recovered.lit else []
+    if recovered.matter == "surface" and recovered.near_surface.nodes.any():
+        said += [*_of_thin_matter(recovered), *_of_sharp_edges(recovered)]
+        said += _of_light_between(recovered) if recovered.lit else []
     if recovered.dark:
         said.append(
             f"{len(recovered.dark)} photographs show no light above their noise, or clipped pixels alone, and were "
