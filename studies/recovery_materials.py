@@ -29,7 +29,7 @@ NAMES = ("beta", "gamma", "n")
 GLOSSES = ((4.0, 0.06, 1.6), (1.5, 0.1, 1.4), (0.6, 0.18, 1.5), (0.25, 0.3, 1.5))  # β, γ, n
 
 
-class Block(TrueObject):
+class RoundedBlock(TrueObject):
     """A block with rounded edges: large flat faces."""
 
     def distance(self, p: Any) -> Any:
@@ -48,7 +48,7 @@ class Knot(TrueObject):
         return sd.smooth_union(sd.smooth_union(large, small, 0.008), limb, 0.008)
 
 
-SHAPES: tuple[type[TrueObject], ...] = (TrueObject, Block, Knot)
+SHAPES: tuple[type[TrueObject], ...] = (TrueObject, RoundedBlock, Knot)
 
 
 @dataclass(frozen=True)

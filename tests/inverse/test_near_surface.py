@@ -113,7 +113,7 @@ def recovered_of(truth, larger, side=24):
     )  # fmt: skip
 
 
-class Ball(TrueObject):
+class RoundBody(TrueObject):
     """It has no edges."""
 
     def distance(self, p):
@@ -122,7 +122,7 @@ class Ball(TrueObject):
 
 def test_outlines_outside_of_those_of_masks_are_measured_and_said():
     """A soft edge of voxels of 5 mm itself stands a tenth of a voxel off."""
-    right, large = (recovered_of(Ball(), larger) for larger in (0.0, 0.003))
+    right, large = (recovered_of(RoundBody(), larger) for larger in (0.0, 0.003))
     assert large.beyond - right.beyond == pytest.approx(0.003, abs=2e-4)
     assert abs(right.beyond) < 0.12 * right.lattice.voxel
     assert any("mm outside its masks" in said for said in large.record()["remarks"])
@@ -131,7 +131,7 @@ def test_outlines_outside_of_those_of_masks_are_measured_and_said():
 
 def test_light_between_parts_of_a_white_bowl_is_said():
     """Of its true shape, and of none that bulges."""
-    bowl, ball = (recovered_of(truth, 0.0, 32) for truth in (Bowl(), Ball()))
+    bowl, ball = (recovered_of(truth, 0.0, 32) for truth in (Bowl(), RoundBody()))
     white = replace(bowl, colours=np.full_like(bowl.colours, 0.8))
     assert any("from other parts of the object" in said for said in white.record()["remarks"])
     assert light_between(replace(ball, colours=np.full_like(ball.colours, 0.8))).max() < 0.02
