@@ -23,7 +23,7 @@ import hagoromo as hg
 from hagoromo.backend import vectors
 from studies.path_scenes import path_simulated, shape_mesh
 from studies.recover_scenes import Simulated, TrueObject, shots, simulated
-from studies.recovery_scores import covered, gloss_held, psnr, shape_errors
+from studies.recovery_scores import covered, gloss_held, psnr, shape_errors, stated
 from studies.strange_captures import (
     Bowl,
     Cube,
@@ -67,8 +67,9 @@ class Stranger:
 class StrangerRow:
     """new, side: PSNR of new views under lamps like those, and from the side [dB]. normals: mean error [°]. surface:
     mean distance of true points from it, % of the lattice's edge. held: share [%] of true points of which 95 %
-    intervals of position, normal and body colour hold the truth. beta: found; gloss_held: whether its interval and that
-    of γ hold the truth. said: remarks and warnings, or the line with which the capture was refused.
+    intervals of position, normal and body colour hold the truth, of those that have intervals; stated: share that has
+    them. beta: found; gloss_held: whether its interval and that of γ hold the truth. said: remarks and warnings, or the
+    line with which the capture was refused.
     """
 
     name: str
@@ -78,6 +79,7 @@ class StrangerRow:
     normals: float | None = None
     surface: float | None = None
     held: tuple[float, float, float] | None = None
+    stated: float = 0.0
     beta: float | None = None
     gloss_held: bool | None = None
     said: tuple[str, ...] = ()
@@ -171,7 +173,7 @@ def measured(name: str, given: Stranger) -> StrangerRow:
     return StrangerRow(
         name, given.words, psnr(found, kept[0]), psnr(found, kept[1]), float(shown.angles.mean()),
         100.0 * float(shown.distances.mean()) / (max(found.lattice.shape) * found.lattice.voxel),
-        covered(found, shown, colours), found.beta, held,
+        covered(found, shown, colours), stated(found, shown.points), found.beta, held,
         (*(str(each.message) for each in warned), *record["remarks"]), seconds,
     )  # fmt: skip
 
@@ -189,6 +191,8 @@ def table(rows: Sequence[StrangerRow]) -> str:
             lines.append(f"| {row.words} | | | | | | {said} |")
             continue
         held = "" if row.held is None else ", ".join(f"{each:.0f}" for each in row.held) + " %"
+        if row.stated < 99.5:
+            held = f"{held} of {row.stated:.0f} % of the places" if row.held else "stated nowhere"
         gloss = {True: "yes", False: "no", None: ""}[row.gloss_held]
         scores = f"{row.new:.1f}, {row.side:.1f} dB | {row.normals:.2f}° | {row.surface:.2f} %"
         lines.append(f"| {row.words} | {scores} | {held} | {gloss} | {said} |")

@@ -16,6 +16,7 @@ from hagoromo.backend import vectors
 from hagoromo.image.relight.stage import basis_camera
 from hagoromo.recovery.distance_field import DistanceField
 from hagoromo.recovery.export import conserving
+from hagoromo.recovery.near_surface import on_surface
 from studies.recover_scenes import Simulated
 
 Array = NDArray[np.float64]
@@ -70,7 +71,8 @@ def surface_errors(found: hg.Recovered, points: Array, normals: Array) -> Surfac
     slope = np.array(field.axis_at(at), np.float64).T
     slope /= np.maximum(np.linalg.norm(slope, axis=1, keepdims=True), 1e-12)
     angles = np.degrees(np.arccos(np.clip(np.einsum("ni,ni->n", slope, normals), -1.0, 1.0)))
-    distances = np.abs(np.array(field.value_at(at), np.float64)) * found.lattice.voxel
+    own = found.lattice.from_world(points)
+    distances = np.linalg.norm(on_surface(field, own) - own, axis=1) * found.lattice.voxel
     return SurfaceErrors(points, distances, angles)
 
 
@@ -79,28 +81,47 @@ def places(found: hg.Recovered, points: Array) -> Any:
     return vectors(found.lattice.from_world(points))
 
 
+def _nodes_of(found: hg.Recovered, points: Array) -> NDArray[np.int64]:
+    """Numbers (n,) of the nodes near the surface that are nearest to points (n, 3) [m]."""
+    assert found.errors is not None
+    node = found.surface_field.nearest_node(places(found, points))
+    near = np.isfinite(found.errors.position) | found.errors.thin
+    away = ~near.ravel()[node]
+    if away.any():
+        known = np.argwhere(near)
+        nearest = KDTree(known[:, ::-1]).query(found.lattice.from_world(points[away]))[1]
+        node[away] = np.ravel_multi_index(tuple(known[nearest].T), near.shape)
+    return node
+
+
+def stated(found: hg.Recovered, points: Array) -> float:
+    """Share [%] of points (n, 3) [m] that have errors: of the others matter is too thin for the lattice."""
+    if found.errors is None:
+        return 0.0
+    return 100.0 * float(np.isfinite(found.errors.position.ravel()[_nodes_of(found, points)]).mean())
+
+
 def covered(found: hg.Recovered, shown: SurfaceErrors, colours: Array) -> tuple[float, float, float] | None:
     """Share [%] of points of which 95 % intervals of position, normal and body colour hold the truth.
 
     colours: (n, 3) true ones. The angle of a normal has two components: 95 % are within √(−ln 0.05) times its root of
     the mean square. The errors of a point are those of the nearest place of the surface that was found. Body colours
-    that no photograph shows lit have none, and do not count.
+    that no photograph shows lit have none, and do not count, and neither do places whose matter is too thin for the
+    lattice (`stated` has the others); None where no place has errors.
     """
     if found.errors is None:
         return None
+    errors, node = found.errors, _nodes_of(found, shown.points)
+    known = np.isfinite(errors.position.ravel()[node])
+    if not known.any():
+        return None
     at, field = places(found, shown.points), found.rendering.field
-    errors, node = found.errors, field.nearest_node(at)
-    known = np.argwhere(np.isfinite(errors.position))
-    away = ~np.isfinite(errors.position.ravel()[node])
-    if away.any():
-        nearest = KDTree(known[:, ::-1]).query(found.lattice.from_world(shown.points[away]))[1]
-        node[away] = np.ravel_multi_index(tuple(known[nearest].T), errors.position.shape)
     position, normal = errors.position.ravel()[node], errors.normal.ravel()[node]
     colour = errors.colour.reshape(-1, 3)[node]
     own = np.stack([np.array(c) for c in field.colours_at(at)], 1)
     held = (
-        shown.distances < TWO_SIDED * position,
-        np.radians(shown.angles) < np.sqrt(-np.log(0.05)) * normal,
+        (shown.distances < TWO_SIDED * position)[known],
+        (np.radians(shown.angles) < np.sqrt(-np.log(0.05)) * normal)[known],
         (np.abs(own - colours) < TWO_SIDED * colour)[np.isfinite(colour)],
     )
     return tuple(float(100.0 * each.mean()) for each in held)  # type: ignore[return-value]

@@ -76,6 +76,11 @@ STUDIES: dict[str, Study] = {
         "half an hour",
         (_module("recover_strangers", "--out", "out/recover_strangers"),),
     ),
+    "recover-materials": Study(
+        "how often the intervals that recoveries state of β, γ and n hold the truth, over twelve captures",
+        "a quarter of an hour",
+        (_module("recovery_materials", "--out", "out/recovery_materials"),),
+    ),
     "real-object": Study(
         "a real object under a new lamp, as films and as a page",
         "ten minutes",

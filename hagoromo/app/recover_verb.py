@@ -140,7 +140,7 @@ def summary(record: dict[str, Any]) -> list[str]:
         )
     if record["material"] is None:
         lines.append(f"light {record['lamps']}; cameras: {record['cameras']}")
-    if errors := record["errors"]:
+    if (errors := record["errors"]) and errors["position_m"]:
         position, normal = errors["position_m"][0], errors["normal_rad"][0]
         lines.append(f"standard errors, median: position {1e6 * position:.3g} µm, normal {degrees(normal):.2g}°")
     for score in record["kept_aside"]:

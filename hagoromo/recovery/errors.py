@@ -6,7 +6,8 @@ differ from photograph to photograph. Two objects say little of one place, so th
 neighbourhood. Both objects share the error of the lattice. The edge of the surface is soft by a share of a voxel, so
 the position has an error in proportion to the voxel: it is as large as what the last halving of the voxel changed
 (Richardson 1911), and is added. Tufts and locks of fuzzy matter are finer than voxels, so its normals and body colours
-have such an error, too. What all photographs share, such as a wrong scale, is in neither.
+have such an error, too. Where matter is thinner than the lattice holds, no error is stated. What all photographs share,
+such as a wrong scale, is in none.
 """
 
 from __future__ import annotations
@@ -17,19 +18,14 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
-from hagoromo.backend import Array3f, vectors
-from hagoromo.recovery.distance_field import DistanceField
+from hagoromo.backend import vectors
 from hagoromo.recovery.matter_field import COLOURS
 from hagoromo.recovery.mixed_gloss import mixed_gloss
+from hagoromo.recovery.near_surface import STEEP, NearSurface, looked_up
 from hagoromo.recovery.surface_shape import SurfaceShape
 
 Array = NDArray[np.float64]
-
-NEAR = 1.5  # voxels from the surface within which nodes get errors: all that are nearest to one of its places
-NEIGHBOURHOOD = 2.5  # voxels, radius of the means
-NEWTON_STEPS, STEEP = 4, 0.1  # towards the surface; least |∇d|² that a step divides by
 
 
 class OnSurface(NamedTuple):
@@ -46,14 +42,16 @@ class Errors:
     """Standard errors of the nodes near the surface, NaN elsewhere.
 
     position: (nz, ny, nx) along the normal [m]. normal: (nz, ny, nx) root of the mean square angle [rad]. colour:
-    (nz, ny, nx, 3) of body colours, NaN also where no photograph shows them lit. of_lattice: whether the error of the
-    lattice is in them: not, where there was one level of it. gloss: (nz, ny, nx, 2) of ln β and ln γ; None: the object
-    has one gloss.
+    (nz, ny, nx, 3) of body colours, NaN also where no photograph shows them lit. thin: (nz, ny, nx) nodes near the
+    surface of matter that is too thin for the lattice: there none is stated, as both halves share what is wrong.
+    of_lattice: whether the error of the lattice is in them: not, where there was one level of it. gloss: (nz, ny, nx,
+    2) of ln β and ln γ; None: the object has one gloss.
     """
 
     position: NDArray[np.float32]
     normal: NDArray[np.float32]
     colour: NDArray[np.float32]
+    thin: NDArray[np.bool_]
     of_lattice: bool = True
     gloss: NDArray[np.float32] | None = None
 
@@ -77,8 +75,8 @@ def errors_of(
 
     fuzzy: whether the surface stands for fuzzy matter.
     """
-    near = np.abs(found.distance) < NEAR
-    places = found.lattice.to_world(_on_surface(found, np.argwhere(near)[:, ::-1].astype(float)))
+    near = NearSurface(found.field())
+    places = found.lattice.to_world(near.places)
     first, second = (_surface(each, places) for each in halves)
     position = 0.25 * (first.distance - second.distance) ** 2
     normal = 0.25 * _angles(first.normals, second.normals) ** 2
@@ -90,39 +88,29 @@ def errors_of(
         if fuzzy:
             normal += _angles(own.normals, coarse.normals) ** 2
             colour += (own.colours - coarse.colours) ** 2
-    around = KDTree(places).query_ball_point(places, NEIGHBOURHOOD * found.lattice.voxel)
     squares = np.concatenate([position[:, None], normal[:, None], colour, gloss], axis=1)
-    error = np.sqrt([squares[each].mean(axis=0) for each in around])
-    maps = np.full((*near.shape, error.shape[1]), np.nan, np.float32)
-    maps[near] = error
+    error = np.sqrt([squares[each].mean(axis=0) for each in near.around])
+    maps = np.full((*near.nodes.shape, error.shape[1]), np.nan, np.float32)
+    thin = np.zeros(near.nodes.shape, bool)
+    if not fuzzy:
+        error[near.thin], thin[near.nodes] = np.nan, near.thin
+    maps[near.nodes] = error
     of_gloss = maps[..., 2 + COLOURS :] if gloss.size else None
-    return Errors(maps[..., 0], maps[..., 1], maps[..., 2 : 2 + COLOURS], before is not None, of_gloss)
-
-
-def _on_surface(shape: SurfaceShape, places: Array) -> Array:
-    """The places (n, 3) of the surface before or behind others [voxel], by Newton's steps along the normal."""
-    field = DistanceField(shape.distance, shape.colours)
-    for _ in range(NEWTON_STEPS):
-        distance, slope = _looked_up(field, vectors(places))
-        places = places - distance[:, None] * slope / np.maximum((slope * slope).sum(axis=1, keepdims=True), STEEP)
-    return places
+    return Errors(maps[..., 0], maps[..., 1], maps[..., 2 : 2 + COLOURS], thin, before is not None, of_gloss)
 
 
 def _surface(shape: SurfaceShape, places: Array) -> OnSurface:
     """What an object has at places of the world (n, 3) [m]."""
     field, at = shape.field(), vectors(shape.lattice.from_world(places))
-    distance, slope = _looked_up(field, at)
-    normals = slope / np.maximum(np.linalg.norm(slope, axis=1, keepdims=True), 1e-12)
+    distance, slope = looked_up(field, at)
+    length = np.linalg.norm(slope, axis=1, keepdims=True)
+    normals = slope / np.maximum(length, 1e-12)
+    distance = distance / np.maximum(length[:, 0], STEEP**0.5)  # near the surface its slope is 1.5 and more
     colours = np.stack([np.array(each, np.float64) for each in field.colours_at(at)], axis=1)
     gloss = np.zeros((len(places), 0))
     if field.shares is not None:
         gloss = np.log(mixed_gloss(shape.gloss, np.array(field.share_at(at)))).T
     return OnSurface(distance * shape.lattice.voxel, normals, colours, gloss)
-
-
-def _looked_up(field: DistanceField, at: Array3f) -> tuple[Array, Array]:
-    """Distance [voxel] and its slope (n, 3) at lattice places."""
-    return np.array(field.value_at(at), np.float64), np.array(field.axis_at(at), np.float64).T
 
 
 def _angles(first: Array, second: Array) -> Array:

@@ -2,7 +2,8 @@
 
 Errors of pixels of one photograph are alike (a pose, a lamp, the model), so the covariance of the gloss is estimated
 from what each photograph as a whole would change (the sandwich of Huber 1967, clustered by photograph), after the body
-colour of each place has been fitted to it. What changed between the last two levels of the lattice is added.
+colour of each place has been fitted to it. What changed between the last two levels of the lattice is added, and what
+all photographs have in common: that a pixel has an area, and that normals are a little off.
 """
 
 from __future__ import annotations
@@ -48,6 +49,28 @@ class Evidence:
         variance, too. It holds where the descent of each ended, which no slope of the photographs shows.
         """
         return replace(self, covariance=self.covariance + np.diag((0.5 * (np.asarray(first) - second)) ** 2))
+
+    def with_change(self, change: NDArray[np.floating]) -> Evidence:
+        """With what the numbers of the gloss may all be off by together: its square counts as variance."""
+        return replace(self, covariance=self.covariance + np.outer(change, change))
+
+    def with_normals(self, gloss: NDArray[np.floating], errors: NDArray[np.floating]) -> Evidence:
+        """With what errors of normals do to the gloss. errors: (nz, ny, nx) [rad], root of the mean square angle.
+
+        Normals that are off by a mean square of e² spread a highlight as facets do: γ² looks larger by ln 2 · e², and
+        its peak, β, lower in proportion. All highlights of the object do so alike, so the change counts as variance.
+        """
+        there = np.isfinite(errors) & (self.photographs > 0)
+        if not there.any():
+            return self
+        square = float(np.mean(errors[there] ** 2))
+        known = self
+        for one in each_gloss(gloss):
+            wider = 0.5 * np.log1p(np.log(2.0) * square / np.exp(2.0 * gloss[one[1]]))
+            change = np.zeros(len(self.covariance))
+            change[one[0]], change[one[1]] = -2.0 * wider, wider
+            known = known.with_change(change)
+        return known
 
     def materials(self, gloss: NDArray[np.floating]) -> list[dict[str, Any]]:
         """Each gloss with standard errors and 95 % intervals, with the keys of materials.json."""

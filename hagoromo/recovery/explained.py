@@ -18,6 +18,7 @@ from hagoromo.measurement.surface.tile_store import binned, means
 from hagoromo.recovery.object_view import LEAST_VALID
 
 if TYPE_CHECKING:
+    from hagoromo.camera.camera import Camera
     from hagoromo.photograph.photograph import Photograph
     from hagoromo.recovery.recovered import Recovered
 
@@ -29,14 +30,16 @@ ODD_FACTOR, ODD_SPREADS = 0.1, 5.0  # ln of an odd brightness at least, and in r
 MENDED = 0.75  # share of the residual that is left after a factor, where it is the brightness that is odd
 LEAST_LIGHT = 0.1  # of the usual light: darker photographs are not judged by their own
 ODD_REST, LEAST_REST = 3.0, 0.1  # residual of an odd photograph, in usual ones; and least share of its light
+CURVE = 0.25 * np.pi  # length of a curve over what it goes along two axes, as a mean over all directions
 MISSING = 0.1  # share of a mask that is not covered, from which that is said
 
 
 class Explained(NamedTuple):
     """How well a photograph is explained. light: root of the mean squared light in the silhouette. rest: that of its
     difference from the prediction; scaled: after the best factor on it. factor: light over prediction, the median of
-    bright pixels. missing: share of the stated mask that the object does not cover. NaN where there are too few pixels,
-    or no mask.
+    bright pixels. missing: share of the stated mask that the object does not cover. beyond: how far the outline of the
+    object stands outside that of the stated mask, on the mean [m]; negative: inside. NaN where there are too few
+    pixels, or no mask.
     """
 
     name: str
@@ -45,6 +48,7 @@ class Explained(NamedTuple):
     scaled: float = np.nan
     factor: float = np.nan
     missing: float = np.nan
+    beyond: float = np.nan
 
 
 def explained(recovered: Recovered, photograph: Photograph) -> Explained:
@@ -53,22 +57,30 @@ def explained(recovered: Recovered, photograph: Photograph) -> Explained:
     small = binned(photograph, step, LEAST_VALID) if step > 1 else photograph
     light, opacity = recovered.picture(small)
     values, predicted = small.values.mean(axis=2), light[..., : small.values.shape[2]].mean(axis=2)
-    there, missing = small.mask & (opacity > OPAQUE) & np.isfinite(values), np.nan
+    there, missing, beyond = small.mask & (opacity > OPAQUE) & np.isfinite(values), np.nan, np.nan
     if photograph.silhouette is not None:
         inner = ndimage.binary_erosion(means(photograph.silhouette, step)[..., 0] > OPAQUE)
         missing = float((opacity[inner] < OPAQUE).mean()) if inner.any() else np.nan
+        beyond = _beyond(recovered, small.camera, opacity, means(photograph.silhouette, step)[..., 0])
     if there.sum() < LEAST_PIXELS:
-        return Explained(photograph.name, missing=missing)
+        return Explained(photograph.name, missing=missing, beyond=beyond)
     bright = there & (predicted > LEAST_SHARE * np.percentile(predicted[there], BRIGHT))
     factor = float(np.median(values[bright] / predicted[bright])) if bright.sum() >= LEAST_PIXELS else np.nan
     rest, scaled = (_rms((values - by * predicted)[there]) for by in (1.0, factor))
-    return Explained(photograph.name, _rms(values[there]), rest, scaled, factor, missing)
+    return Explained(photograph.name, _rms(values[there]), rest, scaled, factor, missing, beyond)
+
+
+def _beyond(recovered: Recovered, camera: Camera, opacity: np.ndarray, share: np.ndarray) -> float:
+    """How far an outline stands outside that of a mask [m]: the area between both over the length of the outline."""
+    outline = CURVE * float(sum(np.abs(np.diff(share, axis=axis)).sum() for axis in (0, 1)))
+    pixel = float(np.linalg.norm(camera.position - recovered.lattice.middle)) / min(camera.focal)
+    return pixel * float((opacity - share).sum()) / outline if outline else np.nan
 
 
 def said_of(all_of: Sequence[Explained]) -> list[str]:
     """What is said of photographs that are odd among all that an object was recovered from."""
     names, count = np.array([each.name for each in all_of]), len(all_of)
-    light, rest, scaled, factor, missing = np.array([each[1:] for each in all_of], float).reshape(-1, 5).T
+    light, rest, scaled, factor, missing, _ = np.array([each[1:] for each in all_of], float).reshape(-1, 6).T
     if not np.isfinite(light).any():
         return []
     lit = light > LEAST_LIGHT * np.nanmedian(light)

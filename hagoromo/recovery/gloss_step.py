@@ -55,10 +55,10 @@ def robust(drawn: Drawn, rest: list[Float], limit: float = ROBUST) -> Float:
     return dr.rcp(1.0 + square * (1.0 / limit**2))
 
 
-def slopes_of(rendering: Rendering, drawn: Drawn) -> Slopes:
-    """Slopes of the light of pixels, by differences."""
+def slopes_of(rendering: Rendering, drawn: Drawn, shown: list[Float] | None = None) -> Slopes:
+    """Slopes of the light of pixels, by differences. shown: the light of their residuals, if not that of their rays."""
     base = rendering.light(drawn)
-    rest = [value - light for value, light in zip(drawn.values, base.channels, strict=True)]
+    rest = [value - light for value, light in zip(drawn.values, shown or base.channels, strict=True)]
     weight = robust(drawn, rest)
     roots = _columns([dr.sqrt(w * weight) for w in drawn.weights])
     hit = (np.array(base.seen.depth) > -np.log(1.0 - HIT)) & (roots[:, 1] > 0.0)

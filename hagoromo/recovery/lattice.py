@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
 Array = NDArray[np.float64]
+LEAST_SIDE, LARGEST_SIDE = 16, 512  # nodes along the longest edge of a recovery
 MARGIN = 3  # nodes of the old lattice that are kept free around the surface
 
 

@@ -9,7 +9,7 @@ import drjit as dr
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.backend import Float, UInt, arrays, evaluate, lookup
+from hagoromo.backend import Array3f, Float, UInt, arrays, evaluate, lookup
 from hagoromo.recovery.hull import way_to
 from hagoromo.recovery.lattice import Lattice
 from hagoromo.recovery.matter_march import LatticeRays
@@ -55,6 +55,9 @@ class PixelTable:
         self.table = [lookup(arrays().Float, each[: self.count].astype(np.float32)) for each in floats]
         places = np.stack([lattice.from_world(v.photograph.camera.position) for v in views])
         self.places, self.voxel = places, lattice.voxel
+        cameras = [view.photograph.camera for view in views]
+        axes = [c.world_to_camera[:3, :3] / np.array([[c.focal[0]], [c.focal[1]], [1.0]]) for c in cameras]
+        self.axes = lookup(arrays().Float, np.stack(axes).astype(np.float32).ravel())  # a pixel right and down; ahead
         away = [np.linalg.norm(v.photograph.camera.position - lattice.middle) for v in views]
         self.distance = float(np.median(away))  # of cameras from the object [m]
         self.move(np.zeros((len(views), 3)), np.zeros((len(views), 3)))
@@ -81,6 +84,20 @@ class PixelTable:
         drawn = Drawn(rays, photograph, rest[:3], rest[3:6], rest[6], rest[7])
         evaluate(drawn)
         return drawn
+
+    def beside(self, drawn: Drawn, right: float, down: float) -> Drawn:
+        """The same pixels, by rays that are so far from the middle of each [px]."""
+        jit = arrays()
+
+        def axis(which: int) -> Array3f:
+            first = drawn.photograph * 9 + which * 3
+            return jit.Array3f(*(dr.gather(jit.Float, self.axes, first + k) for k in range(3)))
+
+        way = drawn.rays.direction
+        way = dr.normalize(way + (right * axis(0) + down * axis(1)) * dr.dot(way, axis(2)))
+        moved = drawn._replace(rays=drawn.rays._replace(direction=way))
+        evaluate(moved)
+        return moved
 
 
 def _pixels_of(view: ObjectView, number: int, lattice: Lattice, model_error: float, scale: float) -> list[NDArray]:

@@ -23,12 +23,13 @@ from hagoromo.recovery.first_look import SIDE, Views, first_look, gloss_of, law_
 from hagoromo.recovery.fuzzy_shape import FuzzyShape
 from hagoromo.recovery.given import LEAST_VIEWS, check_lamps, check_not_cut, checked, kept_aside, with_light
 from hagoromo.recovery.hull import box_of, check_all_show_it, hull_distance, outlines_of, without_crumbs
-from hagoromo.recovery.lattice import Lattice
+from hagoromo.recovery.lattice import LARGEST_SIDE, LEAST_SIDE, Lattice
 from hagoromo.recovery.levels import Levels, sides_of
 from hagoromo.recovery.look import FoundLook, Look
 from hagoromo.recovery.mask_offset import MaskOffset, mask_offset, with_masks_moved, without_mixed_pixels
 from hagoromo.recovery.matter_shape import SHAPES, MatterShape
 from hagoromo.recovery.object_view import ObjectView
+from hagoromo.recovery.pixel_gloss import pixel_gloss
 from hagoromo.recovery.pixel_table import CHUNK
 from hagoromo.recovery.recovered import Recovered
 from hagoromo.recovery.shading import is_matt, matt, order_of
@@ -36,7 +37,6 @@ from hagoromo.recovery.silhouettes import views_of
 from hagoromo.recovery.surface_shape import SurfaceShape
 from hagoromo.recovery.work import Work
 
-LEAST_SIDE, LARGEST_SIDE = 16, 512  # nodes along the longest edge
 BYTES_PER_NODE: dict[Law, float] = {"surface": 90.0, "fuzzy": 200.0}  # of all arrays together
 BYTES_OF_SHARES = 16.0  # further ones of a node where places have shares of two glosses
 LOOK_SHARE = 0.3  # of the work, that a first look is
@@ -159,6 +159,8 @@ def recover(
     if found.complete:
         kept_work.end()
     found = found if offset is None else _with_doubt(found, offset)
+    if found.errors is not None and found.beyond:
+        found = replace(found, errors=found.errors.with_doubt(abs(found.beyond)))
     return replace(found, name=taken.own_name, assumptions=dict(taken.assumptions), dark=dark)
 
 
@@ -231,6 +233,8 @@ def _recovered(
                 known = replace(known, most_beta=most * unit)
                 further = run.part(WHOLE_SHARE if both else 1.0, 0.0, "without gloss")
                 levels.without_gloss(max(round(FURTHER * settings.steps), 1), further.progress)
+            elif matter.law == "surface" and descent.lamps.each:
+                known = known.with_change(pixel_gloss(descent) - descent.gloss)
             work.keep(known=known, checkpoints={WHOLE: levels.end})
         if both:
             of_halves = run.part(WHOLE_SHARE, 1.0 - WHOLE_SHARE, "errors")
@@ -248,6 +252,7 @@ def _recovered(
     if known is not None:
         known = known.in_order(order_of(shape.gloss))
         known = known.with_halves(*(half.gloss[order_of(half.gloss)] for half in halves)) if halves else known
+        known = known if errors is None else known.with_normals(found.gloss, errors.normal)
     used, kept = _changed(used, look), _changed(kept, look)
     return Recovered(
         found.lattice, np.asarray(without_crumbs(found.distance), np.float32), found.colours, found.gloss,

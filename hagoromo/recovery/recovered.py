@@ -29,6 +29,7 @@ from hagoromo.recovery.look import Look
 from hagoromo.recovery.mask_offset import MaskOffset
 from hagoromo.recovery.matter_field import MatterField
 from hagoromo.recovery.mixed_gloss import MixedGloss, mixed_gloss
+from hagoromo.recovery.near_surface import NearSurface
 from hagoromo.recovery.object_view import ObjectView
 from hagoromo.recovery.remarks import remarks_on
 from hagoromo.recovery.rendering import Rendering
@@ -186,6 +187,12 @@ class Recovered:
         return [explained(self, photograph) for photograph in self.photographs]
 
     @property
+    def beyond(self) -> float:
+        """How far the outlines of the surface stand outside those of its masks [m], the mean of all photographs."""
+        each = [one.beyond for one in self.explained if np.isfinite(one.beyond)]
+        return float(np.mean(each)) if each and self.fuzzy is None else 0.0
+
+    @property
     def dim(self) -> float:
         """Factor on the body colours of box and mesh, below 1 where the brightest ones are above 1."""
         return BRIGHTEST / self.brightest if self.brightest > 1.0 else 1.0
@@ -199,6 +206,11 @@ class Recovered:
     def surface_field(self) -> DistanceField:
         """The surface on the device; of fuzzy matter the one that stands for it."""
         return DistanceField(self.distance, self.colours, self.shares)
+
+    @cached_property
+    def near_surface(self) -> NearSurface:
+        """Places of the surface, and how much matter is behind them."""
+        return NearSurface(self.surface_field)
 
     @cached_property
     def field(self) -> MatterField:
@@ -259,7 +271,9 @@ class Recovered:
         }
 
     def _errors(self) -> dict[str, Any] | None:
-        """Standard errors of places that photographs show, median and 95th percentile; the share that none shows."""
+        """Standard errors of places that photographs show, median and 95th percentile; the shares that none shows, and
+        that are too thin for the lattice.
+        """
         if self.errors is None or self.evidence is None:
             return None
         shown = np.isfinite(self.errors.position) & (self.evidence.photographs > 0)
@@ -276,6 +290,7 @@ class Recovered:
             "of_lattice": self.errors.of_lattice,
             **found,
             "never_shown": self.never_shown,
+            "too_thin": float(self.errors.thin[np.abs(self.distance) < 0.5].mean()),
         }
 
     def _gloss(self) -> dict[str, Any] | None:

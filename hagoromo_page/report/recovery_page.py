@@ -30,7 +30,8 @@ BEHIND = 0.93  # grey behind normals
 def write_recovery_report(path: Path, recovered: Recovered, record: dict[str, Any]) -> None:
     """Write the page to `path`: one self-contained HTML file. record: that of `Recovered.record`."""
     views = recovered.photographs[:: max(len(recovered.photographs) // VIEWS, 1)]
-    reach = nice(1e6 * record["errors"]["position_m"][1]) if record["errors"] else 0.0
+    known = record["errors"] and record["errors"]["position_m"]
+    reach = nice(1e6 * known[1]) if known else 0.0
     write_page(
         path,
         "recovery.html.j2",
@@ -63,10 +64,16 @@ def _found(recovered: Recovered, record: dict[str, Any]) -> list[str]:
         said.append("These are not real millimetres: nothing gave the photographs a scale.")
     if errors := record["errors"]:
         position, normal, colour = (errors[key] for key in ("position_m", "normal_rad", "body_colour"))
-        said.append(
-            f"Standard errors, median and 95th percentile: position {_both(position, 1e6)} µm, "
-            f"normal {_both(normal, 180.0 / np.pi)}°, body colour {_both(colour, 100.0)} %."
-        )
+        if position:
+            said.append(
+                f"Standard errors, median and 95th percentile: position {_both(position, 1e6)} µm, "
+                f"normal {_both(normal, 180.0 / np.pi)}°, body colour {_both(colour, 100.0)} %."
+            )
+        if errors["too_thin"] > 0.0:
+            said.append(
+                f"Of {100.0 * errors['too_thin']:.1f} % of the surface no errors are stated: its matter is too thin "
+                "for the lattice."
+            )
         said.append(
             f"{100.0 * errors['never_shown']:.1f} % of the surface is lit in no photograph: it is closed smoothly."
         )
@@ -152,7 +159,9 @@ def _normals(recovered: Recovered, photograph: Photograph) -> Any:
 
 
 def _errors(recovered: Recovered, photograph: Photograph, reach: float) -> str:
-    """The standard errors of the position that a view shows; grey where no photograph that was used shows the place."""
+    """The standard errors of the position that a view shows; grey where no photograph that was used shows the place,
+    and where matter is too thin for the lattice.
+    """
     assert recovered.errors is not None and recovered.evidence is not None  # `reach` is known
     node, opacity = recovered.places(photograph)
     covered = opacity > COVERED

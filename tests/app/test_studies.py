@@ -39,7 +39,13 @@ INSIDE = {  # modules of the package that a study takes apart, and why no public
     # exact shapes by signed distances, and light by the law itself, sphere-traced on the device
     "recover_scenes.py": {"backend", "matter", "reflectance.torrance_sparrow"},
     "recovery.py": {"backend"},
-    "recovery_scores.py": {"backend", "image.relight.stage", "recovery.distance_field", "recovery.export"},
+    "recovery_scores.py": {
+        "backend",
+        "image.relight.stage",
+        "recovery.distance_field",
+        "recovery.export",
+        "recovery.near_surface",
+    },
     # β and γ that differ from place to place
     "gloss_recovery.py": {"backend", "recovery.choices"},
     # the surface that stands for a box whose fibres are known
@@ -70,6 +76,8 @@ INSIDE = {  # modules of the package that a study takes apart, and why no public
     # forms at any point in space, masks that are some pixels off, and files of 8 and 16 bits
     "strange_captures.py": {"files.png", "matter", "recovery.hull"},
     "recover_strangers.py": {"backend"},
+    # shapes at any point in space
+    "recovery_materials.py": {"backend", "matter"},
     # photographs beside cameras of another program, read as sRGB, and their masks
     "real_captures.py": {"files.png", "photograph.gather"},
     # the materials of normals that were solved before, many times over

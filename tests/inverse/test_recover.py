@@ -8,11 +8,12 @@ import pytest
 
 import hagoromo as hg
 from hagoromo.image.relight.stage import basis_camera
-from hagoromo.recovery.errors import NEAR, errors_of
+from hagoromo.recovery.errors import errors_of
 from hagoromo.recovery.evidence import Evidence
 from hagoromo.recovery.export import conserving
 from hagoromo.recovery.lamp_places import LampPlaces
 from hagoromo.recovery.levels import sides_of
+from hagoromo.recovery.near_surface import NEAR
 from hagoromo.recovery.recover import halves_of
 from hagoromo.recovery.recovered import score
 from hagoromo.recovery.silhouettes import views_of

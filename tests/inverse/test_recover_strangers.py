@@ -36,6 +36,11 @@ def aside():
     return simulated(TrueObject(), shots(3, 5, 60, 2, pixels=48), noise=False)
 
 
+def remarks_on(found):
+    """Remarks; 20 nodes do not hold the arms of the object, which is said each time."""
+    return [said for said in found.record()["remarks"] if not said.startswith("matter behind")]
+
+
 def changed(taken, change):
     photographs = tuple(change(number, p) for number, p in enumerate(taken.capture.photographs))
     return replace(taken, capture=replace(taken.capture, photographs=photographs))
@@ -95,7 +100,7 @@ def test_the_unit_of_length_and_the_size_of_the_object_change_nothing(taken, usu
     found = hg.recover(resized(taken, factor, strengths).capture, QUICK)
     assert psnr(found, resized(aside, factor, strengths)) == pytest.approx(psnr(usual, aside), abs=0.5)
     assert found.lattice.voxel == pytest.approx(factor * usual.lattice.voxel, rel=1e-3)
-    remarks = found.record()["remarks"]
+    remarks = remarks_on(found)
     assert len(remarks) == (not strengths) and all("lamps are stated too weak or too far" in said for said in remarks)
 
 
@@ -103,7 +108,7 @@ def test_the_unit_of_length_and_the_size_of_the_object_change_nothing(taken, usu
 def test_files_of_8_and_16_bits_give_the_same_object(taken, usual, aside, tmp_path, bits):
     found = hg.recover(in_files(taken, tmp_path / "capture", bits).capture, QUICK)
     assert psnr(found, aside) == pytest.approx(psnr(usual, aside), abs=1.0)
-    assert found.record()["remarks"] == []
+    assert remarks_on(found) == []
 
 
 def test_photographs_without_light_take_no_part_and_are_named(taken, aside):
@@ -111,8 +116,8 @@ def test_photographs_without_light_take_no_part_and_are_named(taken, aside):
     others = [p for k, p in enumerate(taken.capture.photographs) if k not in (2, 7)]
     without = hg.recover(stacked([replace(taken.capture, photographs=tuple(others))], "lit"), QUICK)
     assert np.array_equal(found.distance, without.distance)
-    assert found.record()["remarks"][0].startswith("2 photographs show no light above their noise")
-    assert "view 2, view 7" in found.record()["remarks"][0]
+    assert remarks_on(found)[0].startswith("2 photographs show no light above their noise")
+    assert "view 2, view 7" in remarks_on(found)[0]
 
 
 def test_photographs_of_noise_alone_end_in_one_line(taken):
@@ -128,7 +133,7 @@ def test_a_box_whose_body_colours_are_more_than_all_light_is_dimmed_and_that_is_
     assert box_psnr(found, seen) > psnr(found, seen) - 1.0
     assert found.mesh().colours.max() < 2.0
     assert "lamps are stated too weak" in found.record()["remarks"][0]
-    assert usual.record()["remarks"] == []
+    assert remarks_on(usual) == []
 
 
 def another_exposure(number, photograph):
@@ -155,7 +160,7 @@ def test_photographs_of_another_exposure_or_lamp_are_named(change, said):
     """Light that is wrong by 30 %, and the lamps of two mixed up: the right ones are named, and nothing else is."""
     taken = simulated(TrueObject(), shots(18, 5, 60, 1, pixels=48), 1)
     MIXED.update({6: taken.capture.photographs[9].lamps[0], 9: taken.capture.photographs[6].lamps[0]})
-    remarks = hg.recover(changed(taken, change).capture, replace(QUICK, steps=40)).record()["remarks"]
+    remarks = remarks_on(hg.recover(changed(taken, change).capture, replace(QUICK, steps=40)))
     assert len(remarks) == bool(said) and "".join(remarks).startswith(said)
 
 
@@ -171,7 +176,7 @@ def test_what_no_lamp_lights_has_no_stated_body_colour(taken):
     assert found.evidence is not None and found.errors is not None
     assert found.never_shown > 0.15 and (found.evidence.photographs[behind] == 0).mean() > 0.6
     assert np.isnan(found.errors.colour[behind & (found.evidence.photographs == 0)]).all()
-    assert np.isfinite(found.errors.position[behind]).all()
+    assert (np.isfinite(found.errors.position) | found.errors.thin)[behind].all()
     assert any("of the surface is lit in no photograph" in said for said in found.record()["remarks"])
 
 

@@ -1,0 +1,147 @@
+"""What stands behind and before the places of a surface, against exact shapes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import hagoromo as hg
+from hagoromo.backend import arrays, vectors
+from hagoromo.matter import shape as sd
+from hagoromo.recovery.distance_field import DistanceField
+from hagoromo.recovery.errors import errors_of
+from hagoromo.recovery.evidence import Evidence
+from hagoromo.recovery.lattice import Lattice
+from hagoromo.recovery.light_between import light_between, object_seen
+from hagoromo.recovery.near_surface import NearSurface, on_surface
+from hagoromo.recovery.pixel_table import PixelTable
+from hagoromo.recovery.shading import START, coordinates
+from hagoromo.recovery.silhouettes import views_of
+from hagoromo.recovery.surface_march import SurfaceMarch
+from hagoromo.recovery.surface_shape import SurfaceShape
+from studies.recover_scenes import TrueObject, shots, simulated
+from studies.strange_captures import Bowl, ThinPlate
+
+NODES = 28
+
+
+def shape_of(distance):
+    """A grey shape. distance: of places (x, y, z) from the middle [voxel]."""
+    z, y, x = np.meshgrid(*(np.arange(NODES) - 13.5,) * 3, indexing="ij")
+    values = distance(x, y, z).astype(np.float32)
+    lattice = Lattice(np.zeros(3), 0.002, values.shape)
+    return SurfaceShape(lattice, values, np.full((*values.shape, 3), 0.5, np.float32), coordinates(*START))
+
+
+def plate(thickness):
+    """An endless plate across z."""
+    return shape_of(lambda x, y, z: np.abs(z) - 0.5 * thickness)
+
+
+@pytest.mark.parametrize(("thickness", "found"), [(2.4, 2.4), (3.0, 3.0), (5.0, np.inf)])
+def test_thickness_is_that_of_a_plate(thickness, found):
+    """A spline rounds the ridge in its middle, at which the distance is largest, and nothing at its faces."""
+    np.testing.assert_allclose(NearSurface(plate(thickness).field()).thickness, found, atol=0.02)
+
+
+def test_no_errors_are_stated_where_matter_is_thin():
+    for thickness, thin in ((2.4, True), (6.0, False)):
+        shape = plate(thickness)
+        errors = errors_of(shape, [shape, shape], shape)
+        near = NearSurface(shape.field()).nodes
+        assert (errors.thin[near] == thin).all() and not errors.thin[~near].any()
+        assert (np.isnan(errors.position[near]) == thin).all() and (np.isnan(errors.normal[near]) == thin).all()
+
+
+def test_errors_of_positions_are_ways_whatever_the_slope_of_the_distance():
+    """Halves that stand half a voxel apart, as values of a field that rises by 1.6 a voxel."""
+    steep, other = (shape_of(lambda x, y, z, a=a: 1.6 * (np.abs(z) - 5.0 - a)) for a in (0.0, 0.5))
+    errors = errors_of(steep, [steep, other], None)
+    assert np.nanmedian(errors.position) == pytest.approx(0.25 * 0.002, rel=1e-3)
+    places = np.array([[13.0, 13.0, 13.5 + 5.4]])
+    np.testing.assert_allclose(on_surface(DistanceField(steep.distance, steep.colours), places)[0, 2], 18.5, atol=1e-4)
+
+
+def test_a_place_of_a_hollow_half_ball_sees_half_of_its_sky_as_object():
+    """Every place of a hollow ball sees all others alike, so that the half which is there is half of the sky."""
+    cup = shape_of(lambda x, y, z: np.maximum(z - 4.0, 8.0 - np.sqrt(x * x + y * y + (z - 4.0) ** 2)))
+    march = SurfaceMarch(cup.field(), arrays().Float(5.0), None)
+    middle = np.array([13.5, 13.5, 17.5])
+    ways = np.array([[0.0, 0.0, -1.0], [0.6, 0.0, -0.8], [0.0, -0.8, -0.6]])
+    np.testing.assert_allclose(object_seen(march, middle + 8.0 * ways, -ways), 0.5, atol=0.06)
+    assert object_seen(march, np.array([[3.0, 13.5, 17.5]]), np.array([[0.0, 0.0, 1.0]]))[0] < 0.02
+
+
+def test_errors_of_normals_widen_the_interval_of_the_gloss():
+    """γ by ½ ln(1 + ln 2 · e²/γ²), β by −2 of that: what a blurred highlight of Gauss's form has."""
+    known = Evidence(np.diag([0.04, 0.01, 0.09]), np.ones((1, 1, 2), np.int32))
+    wider = known.with_normals(np.log([2.0, 0.1, 0.5]), np.array([[[0.05, np.nan]]]))
+    across = np.random.default_rng(0).normal(0.0, 0.05 / np.sqrt(2.0), (200_000, 2))
+    peak = np.exp2(-(across**2).sum(axis=1) / 0.1**2).mean()
+    assert wider.covariance[0, 0] - 0.04 == pytest.approx(np.log(peak) ** 2, rel=0.02)
+    assert wider.covariance[1, 1] - 0.01 == pytest.approx(0.25 * np.log(peak) ** 2, rel=0.02)
+    assert wider.covariance[0, 1] < 0.0 and wider.covariance[2, 2] == 0.09
+
+
+def test_rays_beside_the_middle_of_a_pixel_are_those_of_its_camera():
+    views = views_of(simulated(TrueObject(flat=True), shots(3, 5, 60, 1, pixels=24), 1).capture.photographs)
+    lattice = Lattice.around(np.full(3, -0.06), np.full(3, 0.06), 20)
+    pixels = PixelTable(views, lattice, 0.01, 1.0)
+    drawn = pixels.of(np.arange(pixels.count // 16))
+    moved = pixels.beside(drawn, 0.3, -0.2)
+    for number, view in enumerate(views):
+        own, camera = np.array(drawn.photograph) == number, view.photograph.camera
+        at, other = (
+            camera.project(camera.position + np.array(each.rays.direction, np.float64).T[own])
+            for each in (drawn, moved)
+        )
+        np.testing.assert_allclose(other - at, np.broadcast_to([0.3, -0.2], at.shape), atol=2e-3)
+
+
+def recovered_of(truth, larger, side=24):
+    """What a recovery would be that found a shape so much too large [m], of three photographs."""
+    capture = simulated(truth, shots(3, 5, 60, 1, pixels=48), 1).capture
+    lattice = Lattice.around(np.full(3, -0.055), np.full(3, 0.055), side)
+    distance = (np.array(truth.distance(vectors(lattice.nodes().reshape(-1, 3)))) - larger) / lattice.voxel
+    nodes = lattice.shape
+    values, grey = distance.reshape(nodes).astype(np.float32), np.full((*nodes, 3), 0.4, np.float32)
+    shape = SurfaceShape(lattice, values, grey, coordinates(*START))
+    errors = errors_of(shape, [shape, shape], None)
+    return hg.Recovered(
+        lattice, shape.distance, shape.colours, shape.gloss, 0.2, capture.photographs, (), True,
+        {"shadows": True}, evidence=Evidence(np.eye(3), np.ones(nodes, np.int32)), errors=errors,
+    )  # fmt: skip
+
+
+class RoundBody(TrueObject):
+    """It has no edges."""
+
+    def distance(self, p):
+        return sd.sphere(p, (0.0, 0.0, 0.0), 0.03)
+
+
+def test_outlines_outside_of_those_of_masks_are_measured_and_said():
+    """A soft edge of voxels of 5 mm itself stands a tenth of a voxel off."""
+    right, large = (recovered_of(RoundBody(), larger) for larger in (0.0, 0.003))
+    assert large.beyond - right.beyond == pytest.approx(0.003, abs=2e-4)
+    assert abs(right.beyond) < 0.12 * right.lattice.voxel
+    assert any("mm outside its masks" in said for said in large.record()["remarks"])
+    assert right.record()["remarks"] == []
+
+
+def test_light_between_parts_of_a_white_bowl_is_said():
+    """Of its true shape, and of none that bulges."""
+    bowl, ball = (recovered_of(truth, 0.0, 32) for truth in (Bowl(), RoundBody()))
+    white = replace(bowl, colours=np.full_like(bowl.colours, 0.8))
+    assert any("from other parts of the object" in said for said in white.record()["remarks"])
+    assert light_between(replace(ball, colours=np.full_like(ball.colours, 0.8))).max() < 0.02
+
+
+def test_a_thin_plate_is_said_to_be_thin(tmp_path):
+    """It has no stated errors, and the report is written all the same."""
+    found = recovered_of(ThinPlate(), 0.003)
+    record = found.record()
+    thin = next(said for said in record["remarks"] if "thinner" in said)
+    assert "24 nodes do not hold it" in thin and "give more nodes (--side 48)" in thin
+    assert record["errors"]["too_thin"] == 1.0 and record["errors"]["position_m"] is None
+    hg.write_recovery_report(tmp_path / "report.html", found, record)
