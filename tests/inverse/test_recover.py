@@ -326,6 +326,7 @@ def test_silhouettes_survive_a_file(taken, tmp_path):
         assert np.array_equal(one.silhouette, other.silhouette) and np.array_equal(one.mask, other.mask)
 
 
+@pytest.mark.nightly
 def test_strengths_that_are_wrong_are_refined_and_their_mean_stays(taken):
     wrong = misstated(taken, 0.0, 0.15, 1)
     found = hg.recover(wrong.capture, replace(SETTINGS, side=24, refine="lamps"))

@@ -104,6 +104,7 @@ def test_the_unit_of_length_and_the_size_of_the_object_change_nothing(taken, usu
     assert len(remarks) == (not strengths) and all("lamps are stated too weak or too far" in said for said in remarks)
 
 
+@pytest.mark.by_night("16")
 @pytest.mark.parametrize("bits", [8, 16])
 def test_files_of_8_and_16_bits_give_the_same_object(taken, usual, aside, tmp_path, bits):
     found = hg.recover(in_files(taken, tmp_path / "capture", bits).capture, QUICK)
@@ -147,6 +148,7 @@ def mixed_up_lamps(number, photograph):
 MIXED = {}  # lamps of others, by the number of a photograph
 
 
+@pytest.mark.by_night("exposure")
 @pytest.mark.parametrize(
     ("change", "said"),
     [
@@ -180,6 +182,7 @@ def test_what_no_lamp_lights_has_no_stated_body_colour(taken):
     assert any("of the surface is lit in no photograph" in said for said in found.record()["remarks"])
 
 
+@pytest.mark.by_night("2.2-0.1")
 @pytest.mark.parametrize(("beta", "gamma"), [(0.0, 0.1), (0.4, 0.5), (2.2, 0.1)])
 def test_an_object_without_gloss_is_called_matt_and_no_other(beta, gamma):
     """What a broad lobe explains of a matt object is an error of the model; a true broad one explains far more."""
