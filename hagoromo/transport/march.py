@@ -327,10 +327,19 @@ def _elements_along(medium: Medium, step: MarchInterval, direction: Array3f) -> 
 
 @dr.syntax
 def optical_depth(
-    medium: Medium, origin: Array3f, direction: Array3f, near: Float, far: Float, deepest: Float = OPAQUE_OPTICAL_DEPTH
+    medium: Medium,
+    origin: Array3f,
+    direction: Array3f,
+    near: Float,
+    far: Float,
+    deepest: Float = OPAQUE_OPTICAL_DEPTH,
+    cone: Cone = (0.0, 0.0),
 ) -> Float:
-    """∫ σ du along rays from `near` to `far` [m], exact where densities are trilinear; it ends beyond `deepest`."""
-    crossing = medium.cross(origin, direction, near, far)
+    """∫ σ du along rays from `near` to `far` [m], exact where densities are trilinear; it ends beyond `deepest`.
+
+    cone: see `Medium.cross`.
+    """
+    crossing = medium.cross(origin, direction, near, far, cone=cone)
     state = crossing.start()
     depth = dr.zeros(arrays().Float, dr.width(direction))
     while dr.hint(crossing.unfinished(state) & (depth < deepest), exclude=[deepest]):

@@ -137,6 +137,12 @@ class Textures:
         row = first + dr.minimum(jit.UInt(octave), dr.maximum(count, 1) - 1)
         return row, dr.gather(jit.Float, self.steps, row)
 
+    def footprint(self, box: UInt, row: UInt) -> Float:
+        """A footprint [m] of which `level` gives this row of the box."""
+        jit = arrays()
+        octave = jit.Float(row - dr.gather(jit.UInt, self.whole, box * 4))
+        return dr.exp2(octave + 0.5) / dr.gather(jit.Float, self.floats, box * 8 + 6)
+
     def clearance(self, box: UInt, share: Float) -> Float:
         """Least distance [m] from matter at a `share` 0…1 of the band of heights; 0 where there may be matter."""
         jit = arrays()
@@ -218,12 +224,8 @@ class Textures:
         is taken for flat. seen: of the elements along the way; None where extinction is isotropic. stride: length of
         a step, in steps of a camera ray.
         """
-        jit, lattice = arrays(), self.lattice(box, level)
+        jit, lattice, reach = arrays(), self.lattice(box, level), self.way_out(box, here.height, way.z, stop)
         per_metre = [dr.gather(jit.Float, self.floats, box * 8 + k) for k in (4, 5)]
-        thickness = dr.rcp(lattice.inverse)
-        rising = way.z > 0
-        room = dr.select(rising, lattice.bottom + thickness - here.height, here.height - lattice.bottom)
-        reach = dr.fmin(room / dr.fmax(dr.abs(way.z), 1e-4), dr.fmin(stop, LONGEST_PATH * thickness))
         step = stride * dr.gather(jit.Float, self.steps, level)
         count = dr.fmin(dr.fmax(dr.ceil(reach / step), 1.0), MOST_SHADOW_STEPS)
         length = reach / count
@@ -237,6 +239,16 @@ class Textures:
         start = jit.Float(0), jit.Float(0)
         _, passed = dr.while_loop(start, lambda k, passed: (k < count) & (passed < enough), one)
         return tau * passed * length, reach
+
+    def way_out(self, box: UInt, height: Float, rise: Float, stop: Float) -> Float:
+        """Length of a straight way out of the texel from a height [m] in it, or to `stop` [m] if that is nearer.
+
+        rise: cosine of the way to the normal. No way is longer than LONGEST_PATH.
+        """
+        bottom, inverse, _, _ = dr.gather(arrays().Array4f, self.floats, 2 * box)
+        thickness = dr.rcp(inverse)
+        room = dr.select(rise > 0, bottom + thickness - height, height - bottom)
+        return dr.fmin(room / dr.fmax(dr.abs(rise), 1e-4), dr.fmin(stop, LONGEST_PATH * thickness))
 
     def _density(self, lattice: TexelLevel, corner: Corner, number: UInt) -> Float:
         """Density of the population before `number`, of all together for 0."""

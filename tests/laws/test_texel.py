@@ -164,11 +164,28 @@ def test_a_texel_on_a_plane_looks_like_the_same_matter_in_a_plain_box(shadows, e
 
 
 def test_maps_and_the_way_out_of_the_texel_agree_with_the_brute_march():
-    """4 %, of single pixels 12 %: what leaves the texel is taken as straight, and is looked up behind a map's rays."""
+    """Of single pixels 1 %, far from hems: what leaves the texel is looked up behind a map's rays."""
     box = sheet()
     mapped, marched = seen(box), seen(box, shadows="march")
-    assert mapped[0].mean() == pytest.approx(marched[0].mean(), rel=0.04)
-    assert mean_difference(mapped[0], marched[0]) < 0.12
+    assert mapped[0].mean() == pytest.approx(marched[0].mean(), rel=2e-3)
+    assert mean_difference(mapped[0], marched[0]) < 0.01
+
+
+def test_light_enters_at_a_hem_by_maps_as_by_the_march():
+    """3 % of single pixels near all four hems: 7 % when cloth was followed as if it went on beyond them."""
+    box = sheet(size=6.0)
+    mapped, marched = seen(box), seen(box, shadows="march")
+    assert marched[1].min() == 0.0 < marched[1].max()
+    assert mean_difference(mapped[0], marched[0]) < 0.03
+
+
+def test_marched_shadows_of_a_coarse_level_are_those_of_that_level():
+    """2 % of the mean picture: light of a level was matched with its own shadows, and was 3.6 % off with those of the
+    finest one.
+    """
+    box, figures = sheet(size=24.0), {"distance": 0.9, "towards": (0.3, -1.0, 0.4)}
+    coarse, fine = (seen(box, 1, "march", pixels=pixels, **figures)[0].mean() for pixels in (6, 14 * 6))
+    assert coarse == pytest.approx(fine, rel=0.02)
 
 
 def test_a_jump_by_whole_periods_is_not_seen(few_match_points):
