@@ -1,5 +1,6 @@
 """Laws of texels and charts: looked up through a chart, matter is what it is in a plain box; levels keep its means."""
 
+import gc
 import math
 from dataclasses import replace
 from functools import lru_cache
@@ -21,6 +22,7 @@ from hagoromo.light.spectrum import Spectrum
 from hagoromo.matter.fill import Fineness, fill
 from hagoromo.matter.shape import coverage
 from hagoromo.reflectance.reflectance import Reflectance
+from hagoromo.transport import texel_pools
 from hagoromo.transport.march import optical_depth
 from hagoromo.transport.medium import Medium
 from hagoromo.volume.box_header import Extinction
@@ -186,6 +188,23 @@ def test_marched_shadows_of_a_coarse_level_are_those_of_that_level():
     box, figures = sheet(size=24.0), {"distance": 0.9, "towards": (0.3, -1.0, 0.4)}
     coarse, fine = (seen(box, 1, "march", pixels=pixels, **figures)[0].mean() for pixels in (6, 14 * 6))
     assert coarse == pytest.approx(fine, rel=0.02)
+
+
+def test_a_texel_is_packed_once_for_all_pictures_of_it(monkeypatch, few_match_points):
+    """And what was packed goes with it."""
+    box, packed = quick_sheet(), []
+    box = replace(box, texel=replace(texel_of(box)))  # the other one is kept for further tests
+    true = texel_pools.TexelPools.__init__
+    monkeypatch.setattr(
+        texel_pools.TexelPools, "__init__", lambda self, texels: (packed.append(1), true(self, texels))[1]
+    )
+    before = len(texel_pools._kept)
+    for tolerance in (0.04, 0.16):
+        Medium([box], tolerance)
+    assert len(packed) == 1 and len(texel_pools._kept) == before + 1
+    del box
+    gc.collect()
+    assert len(texel_pools._kept) == before
 
 
 def test_a_jump_by_whole_periods_is_not_seen(few_match_points):
