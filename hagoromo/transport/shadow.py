@@ -16,7 +16,7 @@ from hagoromo.transport.march import optical_depth
 from hagoromo.transport.medium import Medium
 from hagoromo.transport.sample import TexelHit
 from hagoromo.transport.shadow_map import ShadowMaps
-from hagoromo.transport.texel_shadow import cone_of, optical_depth_on_way_out, stays_on_cloth, way_out
+from hagoromo.transport.texel_shadow import cone_of, optical_depth_on_way_out, way_out
 from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.voxels import BRICK
 
@@ -59,8 +59,7 @@ def mapped_attenuation(
     rays of the map around that place differ, at edges of shadows and under light that grazes, all of the way is
     marched. `tolerance` (see `Settings`) says where.
 
-    From a sample in a texel its cloth is followed out as if it went on flat, and the map is looked up outside; at a hem
-    all of the way is marched.
+    From a sample in a texel its cloth is followed out, as if it went on flat to its hem; the map is looked up outside.
     """
     jit, finer, marched = arrays(), math.sqrt(tolerance / DEFAULT_TOLERANCE), _marched(medium)
     maps = ShadowMaps(medium, lamps, resolution or map_resolution(medium, tolerance))
@@ -88,19 +87,11 @@ def mapped_attenuation(
         lamp: int, point: Array3f, to_lamp: Array3f, distance: Float, texel_hit: TexelHit
     ) -> tuple[Float, Float]:
         length = way_out(medium, texel_hit, to_lamp, distance)
-        flat = stays_on_cloth(medium, texel_hit, dr.fma(to_lamp, length, point))
-
-        def followed(point: Array3f, to_lamp: Array3f, length: Float, texel_hit: TexelHit) -> Float:
-            depth = optical_depth_on_way_out(medium, texel_hit, to_lamp, length)
-            slope = dr.abs(dr.dot(texel_hit.frame.normal, to_lamp))
-            clear = maps.ray_spacing(lamp, point) * (1.0 + dr.fmin(dr.rcp(dr.fmax(slope, 1e-2)), LARGEST_SECANT))
-            outside = dr.fma(to_lamp, dr.fmin(length + clear, distance), point)
-            return dr.exp(-depth) * maps.transmittance(lamp, outside)[0]
-
-        behind = dr.if_stmt(
-            (point, to_lamp, length, texel_hit), flat, followed, lambda point, to_lamp, length, texel_hit: jit.Float(1)
-        )
-        return behind, dr.select(flat, 0.0, distance)
+        depth = optical_depth_on_way_out(medium, texel_hit, point, to_lamp, length)
+        slope = dr.abs(dr.dot(texel_hit.frame.normal, to_lamp))
+        length += maps.ray_spacing(lamp, point) * (1.0 + dr.fmin(dr.rcp(dr.fmax(slope, 1e-2)), LARGEST_SECANT))
+        outside = dr.fma(to_lamp, dr.fmin(length, distance), point)
+        return dr.exp(-depth) * maps.transmittance(lamp, outside)[0], jit.Float(0)
 
     def looked_up(
         lamp: int, point: Array3f, to_lamp: Array3f, distance: Float, extinction: Float

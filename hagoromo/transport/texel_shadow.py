@@ -33,25 +33,43 @@ def way_out(medium: Medium, texel_hit: TexelHit, to_lamp: Array3f, stop: Float) 
 
 def stays_on_cloth(medium: Medium, texel_hit: TexelHit, place: Array3f) -> Bool:
     """Whether there is cloth without a hem at a sample and at a `place` (world) where its light leaves the texel."""
+    return dr.fmin(presence(medium, texel_hit, place), texel_hit.here.presence) > ON_CLOTH
+
+
+def presence(medium: Medium, texel_hit: TexelHit, place: Array3f) -> Float:
+    """Of the cloth of a sample, over or under a `place` (world), see `SurfacePoint`; 0 where its box ends."""
     jit, frame = arrays(), medium.frames.frame(texel_hit.box)
     x, y, z = frame.columns
     there = place.x * x + place.y * y + place.z * z + frame.shift
     low, high = frame.bounds
-    matter = dr.all((there > low) & (there < high))
     inside = jit.Array3f(*(clip(there[k], 0.0, frame.last[k] - LATTICE_MARGIN) for k in range(3)))
     brick = medium.brick_at(frame, inside)
-    presence = presence_at(medium.charts, medium.brick_with_chart(texel_hit.box, brick), inside)
-    return matter & (brick >= 0) & (dr.fmin(presence, texel_hit.here.presence) > ON_CLOTH)
+    charted = presence_at(medium.charts, medium.brick_with_chart(texel_hit.box, brick), inside)
+    return dr.select(dr.all((there > low) & (there < high)) & (brick >= 0), charted, 0.0)
 
 
-def optical_depth_on_way_out(medium: Medium, texel_hit: TexelHit, to_lamp: Array3f, length: Float) -> Float:
-    """Optical depth of the texel along the first `length` [m] from a sample to the lamp, as if cloth went on flat."""
+def optical_depth_on_way_out(
+    medium: Medium, texel_hit: TexelHit, point: Array3f, to_lamp: Array3f, length: Float
+) -> Float:
+    """Optical depth of the cloth of a sample at `point` along the first `length` [m] to the lamp, as if flat."""
     assert medium.textures is not None
     way, seen = texel_hit.frame.inwards(to_lamp), None
     if (flakes := medium.flakes) is not None:
         first = dr.gather(arrays().UInt, medium.first_material, texel_hit.box)
         tangents = [medium.kinds.population(first, k) for k in range(medium.textures.populations)]
         seen = SeenAlong(lambda population, axis: flakes.area(first + population, axis, way), tangents)
-    return medium.textures.optical_depth(
-        texel_hit.box, texel_hit.level, texel_hit.here, way, length, texel_hit.tau, seen
-    )[0]
+
+    def depth(point: Array3f, to_lamp: Array3f, length: Float, texel_hit: TexelHit, at_hem: bool) -> Float:
+        def there(on: Float) -> Float:
+            return presence(medium, texel_hit, dr.fma(to_lamp, on, point))
+
+        hit, textures = texel_hit, medium.textures
+        assert textures is not None
+        return textures.optical_depth(
+            hit.box, hit.level, hit.here, way, length, hit.tau, seen, presence=there if at_hem else None
+        )[0]
+
+    return dr.if_stmt(
+        (point, to_lamp, length, texel_hit), stays_on_cloth(medium, texel_hit, dr.fma(to_lamp, length, point)),
+        lambda *some: depth(*some, at_hem=False), lambda *some: depth(*some, at_hem=True),
+    )  # fmt: skip

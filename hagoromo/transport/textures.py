@@ -199,12 +199,13 @@ class Textures:
         tau: Float,
         seen: SeenAlong | None = None,
         stride: float = SHADOW_STEP,
+        presence: Callable[[Float], Float] | None = None,
     ) -> tuple[Float, Float]:
         """Optical depth along a straight `way` (u, v, normal; unit) out of the texel, and the length of the way [m].
 
         The way ends at `stop` [m] if that is nearer. Beyond HIDDEN_OPTICAL_DEPTH the depth is cut short. The surface
         is taken for flat. seen: of the elements along the way; None where extinction is isotropic. stride: length of
-        a step, in steps of a camera ray.
+        a step, in steps of a camera ray. presence: of the cloth at a distance along the way [m]; None: that of `here`.
         """
         jit, lattice, reach = arrays(), self.lattice(box, level), self.way_out(box, here.height, way.z, stop)
         per_metre = [dr.gather(jit.Float, self.floats, box * 8 + k) for k in (4, 5)]
@@ -214,7 +215,10 @@ class Textures:
         enough = HIDDEN_OPTICAL_DEPTH / (tau * length)
 
         def one(k: Float, passed: Float) -> tuple[Float, Float]:
-            there = here.moved((k + 0.5) * length, way, per_metre)
+            on = (k + 0.5) * length
+            there = here.moved(on, way, per_metre)
+            if presence is not None:
+                there.presence = presence(on)
             density = sum(self.seen_densities(lattice, there, seen)) if seen else self.density(lattice, there)
             return k + 1.0, passed + density
 
