@@ -33,6 +33,8 @@ MAP_RAYS_PER_RAY = 1.6  # rays of a map for each of the camera from which maps t
 DEEP_BRICK = 0.5  # optical depth of a mean stored brick from which shadow rays are short
 LARGEST_SECANT = 4.0  # 1 / cosθ_i up to which the look-up in a map clears the surface's own shadow
 HIDDEN_TRANSMITTANCE = 4e-3  # a marched shadow ray ends below this transmittance, at DEFAULT_TOLERANCE
+BEHIND_END = 1.5  # optical depth of all matter before a hidden lamp, in that after which its shadow ray ended
+MOST_HIDDEN = 0.03  # transmittance above which none does
 ROUGH_FIGURES = 0.5, 3.0  # in rough matter: times TEXELS_PER_VOXEL; times DENSE, LEAST_DIFFERENCE, DIFFERENCE_SHARE
 MARCHED_VOXELS = 3.0  # length of that march [voxel], at DEFAULT_TOLERANCE
 
@@ -42,9 +44,15 @@ def brute_attenuation(medium: Medium) -> Attenuation:
     marched = _marched(medium)
 
     def transmittance(
-        lamp: int, point: Array3f, to_lamp: Array3f, distance: Float, extinction: Float, texel_hit: TexelHit | None
+        lamp: int,
+        point: Array3f,
+        to_lamp: Array3f,
+        distance: Float,
+        extinction: Float,
+        seen: Float,
+        texel_hit: TexelHit | None,
     ) -> Float:
-        return marched(point, to_lamp, arrays().Float(distance), texel_hit)
+        return marched(point, to_lamp, arrays().Float(distance), seen, texel_hit)
 
     return transmittance
 
@@ -70,7 +78,13 @@ def mapped_attenuation(
     dense = dr.opaque(jit.Float, DENSE * looser / length)
 
     def transmittance(
-        lamp: int, point: Array3f, to_lamp: Array3f, distance: Float, extinction: Float, texel_hit: TexelHit | None
+        lamp: int,
+        point: Array3f,
+        to_lamp: Array3f,
+        distance: Float,
+        extinction: Float,
+        seen: Float,
+        texel_hit: TexelHit | None,
     ) -> Float:
         distance = jit.Float(distance)
         if texel_hit is None:  # no box has a texel, or the point is on a surface
@@ -81,7 +95,7 @@ def mapped_attenuation(
                 lambda point, to_lamp, distance, _, texel_hit: out_of_texel(lamp, point, to_lamp, distance, texel_hit),
                 lambda point, to_lamp, distance, extinction, _: looked_up(lamp, point, to_lamp, distance, extinction),
             )  # fmt: skip
-        return behind * marched(point, to_lamp, reach, texel_hit)
+        return behind * marched(point, to_lamp, reach, seen, texel_hit)
 
     def out_of_texel(
         lamp: int, point: Array3f, to_lamp: Array3f, distance: Float, texel_hit: TexelHit
@@ -104,15 +118,20 @@ def mapped_attenuation(
     return transmittance
 
 
-def _marched(medium: Medium) -> Callable[[Array3f, Array3f, Float, TexelHit | None], Float]:
-    """Transmittance along the first part of the way from a point to a lamp: (point, to_lamp, its length [m], place in a
-    texel).
-    """
-    deepest = hidden_depth(medium)
+def _marched(medium: Medium) -> Callable[[Array3f, Array3f, Float, Float, TexelHit | None], Float]:
+    """Transmittance along the first part of the way from a point to a lamp: (point, to_lamp, its length [m], share of
+    the point's light that reaches the eye, place in a texel).
 
-    def marched(point: Array3f, to_lamp: Array3f, reach: Float, texel_hit: TexelHit | None) -> Float:
+    The less of a point is seen, the sooner a ray from it ends: what is cut off is the same part of a pixel. A ray that
+    ends is taken to have BEHIND_END times as much before it: rates of light are those of lamps that are hidden.
+    """
+    deepest, least = hidden_depth(medium), -math.log(MOST_HIDDEN)
+
+    def marched(point: Array3f, to_lamp: Array3f, reach: Float, seen: Float, texel_hit: TexelHit | None) -> Float:
         cone = (0.0, 0.0) if texel_hit is None else cone_of(medium, texel_hit)
-        return dr.exp(-optical_depth(medium, point, to_lamp, arrays().Float(0), reach, deepest, cone))
+        enough = dr.fmax(deepest + dr.log(dr.fmax(seen, 1e-6)), least)
+        depth = optical_depth(medium, point, to_lamp, arrays().Float(0), reach, enough, cone)
+        return dr.exp(-dr.select(depth >= enough, BEHIND_END * depth, depth))
 
     return marched
 
