@@ -169,7 +169,7 @@ def march(
             lit = MarchInterval(step.slot, step.ray, begin, end, place, interval.brick, total, interval.growth)
             point = dr.fma(direction, distance + step.ray.near, origin)
             coloured = medium.sample(lit, dr.fma(share, end - begin, begin))
-            seen = dr.exp(-interval.before) * (1.0 - dr.exp(-total))
+            seen = dr.exp(-interval.before)
             light, lamps, smooth = radiance_from_sample(
                 medium, lighting, medium.sample(lit, distance), coloured, point, direction, seen
             )

@@ -34,7 +34,7 @@ DEEP_BRICK = 0.5  # optical depth of a mean stored brick from which shadow rays 
 LARGEST_SECANT = 4.0  # 1 / cosθ_i up to which the look-up in a map clears the surface's own shadow
 HIDDEN_TRANSMITTANCE = 4e-3  # a marched shadow ray ends below this transmittance, at DEFAULT_TOLERANCE
 BEHIND_END = 1.5  # optical depth of all matter before a hidden lamp, in that after which its shadow ray ended
-MOST_HIDDEN = 0.03  # transmittance above which none does
+MOST_HIDDEN = 0.03  # transmittance above which none does, at DEFAULT_TOLERANCE
 ROUGH_FIGURES = 0.5, 3.0  # in rough matter: times TEXELS_PER_VOXEL; times DENSE, LEAST_DIFFERENCE, DIFFERENCE_SHARE
 MARCHED_VOXELS = 3.0  # length of that march [voxel], at DEFAULT_TOLERANCE
 
@@ -125,7 +125,7 @@ def _marched(medium: Medium) -> Callable[[Array3f, Array3f, Float, Float, TexelH
     The less of a point is seen, the sooner a ray from it ends: what is cut off is the same part of a pixel. A ray that
     ends is taken to have BEHIND_END times as much before it: rates of light are those of lamps that are hidden.
     """
-    deepest, least = hidden_depth(medium), -math.log(MOST_HIDDEN)
+    deepest, least = hidden_depth(medium), -dr.log(MOST_HIDDEN * medium.tolerance)
 
     def marched(point: Array3f, to_lamp: Array3f, reach: Float, seen: Float, texel_hit: TexelHit | None) -> Float:
         cone = (0.0, 0.0) if texel_hit is None else cone_of(medium, texel_hit)
