@@ -40,7 +40,7 @@ BEFORE = (  # shadows, tolerance, time over that of the yardstick, relative erro
     ("march", 0.02, 14.622, 0.00266),
 )
 # rough matter by 0.2.0, maps of its own choice, over the yardstick: 2026-11-27, Intel(R) Xeon(R) Processor, 2 cores
-# that other programs used, too (load 3 to 8); satin and the errors of linen on 2026-11-28, against marches that read the
+# that other programs used, too (load 3 to 8); satin and errors of linen on 2026-11-28, against marches that read the
 # level of each sample's texel, as those of today do: 0.2.0 itself read the finest one
 ROUGH_BEFORE = (  # scene, shadows, tolerance, time over that of the yardstick, relative error
     ("noisy ball", "map", 0.16, 0.804, 0.03601),
