@@ -2,7 +2,8 @@
 
     python -m studies.full_error examples/recipes --out out/full_error
 
-Leaves: results.json and full_error.md, which belongs to docs. Where a scene is in results.json, it is kept.
+Leaves: results.json and full_error.md, which belongs to docs; studies.few_walks adds to both what few walks mend. Where
+a scene is in results.json, it is kept.
 """
 
 from __future__ import annotations
@@ -160,7 +161,13 @@ def main(
             record: dict[str, Any] = {"hagoromo": hg.__version__, "pixels": pixels, "walks": walks}
             record["rows"] = [rows[name] for name in SCENES if name in rows]
             hg.write_json(out / "results.json", record)
-    page = hg.page_text("full_error.md.j2", "studies", block=BLOCK, **hg.read_json(out / "results.json"))
+    write_page(out)
+
+
+def write_page(out: Path) -> None:
+    """The page full_error.md in the folder `out`, of results.json, and of few_walks.json where it is there."""
+    few = hg.read_json(out / "few_walks.json") if (out / "few_walks.json").exists() else {"rows": []}
+    page = hg.page_text("full_error.md.j2", "studies", block=BLOCK, few=few, **hg.read_json(out / "results.json"))
     with hg.whole_file(out / "full_error.md", force=True) as path:
         path.write_text(page, encoding="utf-8", newline="\n")
     print(f"wrote {out}")

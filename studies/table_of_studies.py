@@ -196,7 +196,10 @@ STUDIES: dict[str, Study] = {
     "full-error": Study(
         "what mode full is off, what it says of that, and its mend by walks: docs/full_error.md",
         "ten minutes",
-        (_module("full_error", RECIPES, "--out", "out/full_error"),),
+        (
+            _module("full_error", RECIPES, "--out", "out/full_error"),
+            _module("few_walks", RECIPES, "--out", "out/full_error"),
+        ),
         _page("full_error"),
     ),
     "cluster": Study(

@@ -242,11 +242,17 @@ def _attenuation(boxes_shade: Attenuation | None, surfaces: Surfaces | None) -> 
     """Transmittance from a lamp to a point through all boxes, 0 behind a surface."""
 
     def share(
-        lamp: int, point: Array3f, to_lamp: Array3f, distance: Float, extinction: Float, texel_hit: TexelHit | None
+        lamp: int,
+        point: Array3f,
+        to_lamp: Array3f,
+        distance: Float,
+        extinction: Float,
+        seen: Float,
+        texel_hit: TexelHit | None,
     ) -> Float:
         passed = arrays().Float(1)
         if boxes_shade:
-            passed = boxes_shade(lamp, point, to_lamp, distance, extinction, texel_hit)
+            passed = boxes_shade(lamp, point, to_lamp, distance, extinction, seen, texel_hit)
         return dr.select(surfaces.visible(point, to_lamp, distance), passed, 0.0) if surfaces else passed
 
     return share

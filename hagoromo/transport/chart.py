@@ -13,7 +13,7 @@ from typing import Any
 
 import drjit as dr
 
-from hagoromo.backend import Array3f, Array4u, Float, Int, UInt, arrays
+from hagoromo.backend import Array3f, Array4u, Float, Int, UInt, arrays, clip
 from hagoromo.volume.voxels import (
     CORNERS,
     STORED,
@@ -121,8 +121,20 @@ def surface_point_at(
     u, v, share, there, along_u, normal = dr.if_stmt((place, part, bricks[1]), one_sheet, smooth, apart)
     tile_u, u = _whole_and_rest(reference[0], u)
     tile_v, v = _whole_and_rest(reference[1], v)
-    there = dr.fmin(dr.fmax(dr.fma(there * (1.0 / PERIOD) - 0.5, HEM_STEEPNESS, 0.5), 0.0), 1.0)
-    return SurfacePoint(tile_u, tile_v, u, v, dr.fma(share, scale.span, scale.low), there), along_u, normal
+    return SurfacePoint(tile_u, tile_v, u, v, dr.fma(share, scale.span, scale.low), _steep(there)), along_u, normal
+
+
+def presence_at(charts: UInt, brick: UInt, place: Array3f) -> Float:
+    """Presence at samples alone, see `SurfacePoint`; brick: number in `charts`."""
+    start, part = corner(brick, place)
+    return _steep(
+        trilinear([arrays().Float(dr.gather(arrays().UInt, charts, (start + k) * 4 + 3)) for k in CORNERS], part)
+    )
+
+
+def _steep(charted: Float) -> Float:
+    """Presence from the charted ramp across a hem [1 / PERIOD]."""
+    return clip(dr.fma(charted * (1.0 / PERIOD) - 0.5, HEM_STEEPNESS, 0.5), 0.0, 1.0)
 
 
 def _on_one_sheet(

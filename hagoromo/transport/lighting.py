@@ -21,9 +21,9 @@ from hagoromo.transport.palette import position_of
 from hagoromo.transport.sample import Element, TexelHit
 
 MOST_LAMPS = 512  # of one kernel, each a part of it; pictures are made of batches of fewer
-# (lamp number, point, to_lamp, distance to the lamp [m], extinction at the point [1/m], place in a texel)
-# → transmittance 0…1
-Attenuation = Callable[[int, Array3f, Array3f, Float, Float, TexelHit | None], Float]
+# (lamp number, point, to_lamp, distance to the lamp [m], extinction at the point [1/m], share of the point's light that
+# reaches the eye at most, place in a texel) → transmittance 0…1
+Attenuation = Callable[[int, Array3f, Array3f, Float, Float, Float, TexelHit | None], Float]
 ShadowRay = tuple[Array3f, Array3f, Float]  # origin, to_lamp, distance to the lamp [m]
 AttenuationOfAll = Callable[[list[ShadowRay]], list[Float]]  # transmittance 0…1 of each; see `DifferentiableMedium`
 
@@ -159,12 +159,13 @@ class Lighting:
         coefficients: list[list[Float]],
         texel_hit: TexelHit | None = None,
         extinction: Float = 0.0,
+        seen: Float = 1.0,
     ) -> tuple[list[Float], list[Float]]:
         """Weights of the radiance that matter at `point` sends to the eye, I_t of MODEL §3, of every lamp and colour of
         the palette (see `in_groups`); and the transmittance from every lamp, 1 where it lights nothing.
 
         coefficients: of every element, on the palette. texel_hit: place of the point in a texel; None without texels.
-        extinction: around the point [1/m].
+        extinction: around the point [1/m]. seen: share of its light that reaches the eye, at most.
         """
         palette = self.materials.palette
         light: list[Any] = []
@@ -177,7 +178,9 @@ class Lighting:
                 transmittance = (
                     ahead[number]
                     if ahead
-                    else self.transmittance(number, lit, elements[0], point, to_lamp, distance, extinction, texel_hit)
+                    else self.transmittance(
+                        number, lit, elements[0], point, to_lamp, distance, extinction, seen, texel_hit
+                    )
                 )
                 passed[-1], irradiance = dr.select(lit, transmittance, 1.0), irradiance * transmittance
             for j in range(len(palette.colours)):
@@ -227,6 +230,7 @@ class Lighting:
         to_lamp: Array3f,
         distance: Float,
         extinction: Float,
+        seen: Float,
         texel_hit: TexelHit | None,
     ) -> Float:
         """Transmittance from a lamp to an `element` at `point`; looked up only where matter faces the lamp (`lit`).
@@ -235,12 +239,12 @@ class Lighting:
         of what is near, the second ends those of all other matter where they should.
         """
         origin = element.shadow_origin(point, to_lamp)
-        first = self._looked_up(lamp, lit, origin, to_lamp, distance, extinction, texel_hit)
+        first = self._looked_up(lamp, lit, origin, to_lamp, distance, extinction, seen, texel_hit)
         if element.shadow_bias is None:
             return first
         biased = lit & (element.shadow_bias > 0.0) & (first > 0.0)
         origin, rest = element.far_shadow_origin(point, to_lamp, distance)
-        second = self._looked_up(lamp, biased, origin, to_lamp, rest, arrays().Float(0), texel_hit)
+        second = self._looked_up(lamp, biased, origin, to_lamp, rest, arrays().Float(0), seen, texel_hit)
         return dr.select(biased, dr.fmin(first, second), first)
 
     def _transmittances(self, point: Array3f, element: Element, arrived: list[Arrived]) -> list[Float]:
@@ -267,13 +271,14 @@ class Lighting:
         to_lamp: Array3f,
         distance: Float,
         extinction: Float,
+        seen: Float,
         texel_hit: TexelHit | None,
     ) -> Float:
         """Transmittance from a lamp to `origin`, 0 but `where` it is asked for."""
         attenuation, Float = self.attenuation, arrays().Float
         assert attenuation is not None
         return dr.if_stmt(
-            args=(origin, to_lamp, Float(distance), Float(extinction), texel_hit),
+            args=(origin, to_lamp, Float(distance), Float(extinction), Float(seen), texel_hit),
             cond=where,
             true_fn=lambda *place: attenuation(lamp, *place),
             false_fn=lambda *place: Float(0),

@@ -169,8 +169,9 @@ def march(
             lit = MarchInterval(step.slot, step.ray, begin, end, place, interval.brick, total, interval.growth)
             point = dr.fma(direction, distance + step.ray.near, origin)
             coloured = medium.sample(lit, dr.fma(share, end - begin, begin))
+            seen = dr.exp(-interval.before)
             light, lamps, smooth = radiance_from_sample(
-                medium, lighting, medium.sample(lit, distance), coloured, point, direction
+                medium, lighting, medium.sample(lit, distance), coloured, point, direction, seen
             )
             log_lamps = logarithms(lamps)
             rates = sample.rates_to(step.ray.box, log_lamps, dr.fma(share, total, interval.before))
@@ -289,13 +290,20 @@ def logarithms(transmittances: list[Float]) -> list[Float]:
 
 
 def radiance_from_sample(
-    medium: Medium, lighting: Lighting, step: MarchInterval, coloured: MarchInterval, point: Array3f, direction: Array3f
+    medium: Medium,
+    lighting: Lighting,
+    step: MarchInterval,
+    coloured: MarchInterval,
+    point: Array3f,
+    direction: Array3f,
+    seen: Float = 1.0,
 ) -> tuple[list[Float], list[Float], list[Float]]:
     """Radiance that the matter at `point` sends back along the ray: its weights, of every lamp and colour; the
     transmittance from every lamp; and the radiance of higher orders, where there is a field of them.
 
     coloured: the step at the place of its colour. Density times colour is interpolated, so that the middle of the step,
-    without regard to where more of the matter is, stands for both together.
+    without regard to where more of the matter is, stands for both together. seen: share of its light that reaches the
+    eye, at most.
     """
     elements, texel_hit = (
         (_elements_along(medium, step, direction), None) if medium.rough else medium.elements(step, direction)
@@ -305,7 +313,7 @@ def radiance_from_sample(
         colour, first = medium.colour(coloured), len(coefficients) // (len(PLACES) if medium.rough else 1)
         coefficients[::first] = [lighting.with_voxel_colour(c, step.ray.box, colour) for c in coefficients[::first]]
     extinction = step.depth / (step.end - step.begin)
-    light, lamps = lighting.reflected_radiance(point, -direction, elements, coefficients, texel_hit, extinction)
+    light, lamps = lighting.reflected_radiance(point, -direction, elements, coefficients, texel_hit, extinction, seen)
     smooth = lighting.field.scattered(point, -direction, elements, coefficients) if lighting.field else []
     return light, lamps, smooth
 
@@ -327,10 +335,19 @@ def _elements_along(medium: Medium, step: MarchInterval, direction: Array3f) -> 
 
 @dr.syntax
 def optical_depth(
-    medium: Medium, origin: Array3f, direction: Array3f, near: Float, far: Float, deepest: Float = OPAQUE_OPTICAL_DEPTH
+    medium: Medium,
+    origin: Array3f,
+    direction: Array3f,
+    near: Float,
+    far: Float,
+    deepest: Float = OPAQUE_OPTICAL_DEPTH,
+    cone: Cone = (0.0, 0.0),
 ) -> Float:
-    """∫ σ du along rays from `near` to `far` [m], exact where densities are trilinear; it ends beyond `deepest`."""
-    crossing = medium.cross(origin, direction, near, far)
+    """∫ σ du along rays from `near` to `far` [m], exact where densities are trilinear; it ends beyond `deepest`.
+
+    cone: see `Medium.cross`.
+    """
+    crossing = medium.cross(origin, direction, near, far, cone=cone)
     state = crossing.start()
     depth = dr.zeros(arrays().Float, dr.width(direction))
     while dr.hint(crossing.unfinished(state) & (depth < deepest), exclude=[deepest]):

@@ -33,7 +33,6 @@ from hagoromo.transport.element_kinds import Kinds
 from hagoromo.transport.flakes import flakes_of
 from hagoromo.transport.frames import DEFAULT_TOLERANCE, BoxFrame, Frames, Poses
 from hagoromo.transport.sample import Element, TexelHit
-from hagoromo.transport.textures import SeenAlong
 from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.bricks import Bricks, Grid, in_one_pool
 from hagoromo.volume.table import BLOCK, BRICKS
@@ -354,18 +353,6 @@ class Medium:
             elements.append(Element(axis, number, share, scales[k], shadow_bias))
         return elements, TexelHit(textured, step.ray.box, step.ray.level, step.ray.tau, here, frame)
 
-    def optical_depth_in_texel(self, texel_hit: TexelHit, to_lamp: Array3f, stop: Float) -> tuple[Float, Float]:
-        """Optical depth of the texel from a sample towards the lamp, and the length of that way [m]."""
-        assert self.textures is not None
-        way, seen = texel_hit.frame.inwards(to_lamp), None
-        if (flakes := self.flakes) is not None:
-            first = dr.gather(arrays().UInt, self.first_material, texel_hit.box)
-            tangents = [self.kinds.population(first, k) for k in range(self.textures.populations)]
-            seen = SeenAlong(lambda population, axis: flakes.area(first + population, axis, way), tangents)
-        return self.textures.optical_depth(
-            texel_hit.box, texel_hit.level, texel_hit.here, way, stop, texel_hit.tau, seen
-        )
-
     def _charted(self, step: MarchInterval) -> tuple[SurfacePoint, Array3f, Array3f]:
         """Where a sample in a stored brick of a box with a chart is on its surface, tangent along u and normal."""
         assert self.textures is not None and isinstance(self.voxels, PackedVoxels)
@@ -421,9 +408,11 @@ class Medium:
 
     def _brick_in(self, shift: Int, step: MarchInterval) -> UInt:
         """Number of the sample's brick in a grid that not every box has; 0 where it has none."""
-        jit = arrays()
-        shift = dr.gather(jit.Int, shift, step.ray.box)
-        return jit.UInt(dr.select(shift == NO_GRID, 0, step.brick + shift))
+        return _shifted(shift, step.ray.box, step.brick)
+
+    def brick_with_chart(self, box: UInt, brick: Int) -> UInt:
+        """Number of a brick of a box in the grid of charts; 0 where the box has none, or the brick is not stored."""
+        return _shifted(self.chart_shift, box, dr.maximum(brick, 0))
 
     def _optional(self, name: str) -> tuple[Any, Any]:
         """A grid that some boxes have (None: no box), and per box how its brick numbers differ there."""
@@ -434,6 +423,13 @@ class Medium:
             for grid, box in zip(grids, self.boxes, strict=True)
         ]
         return values, lookup(arrays().Int, np.array(shifts, np.int32))
+
+
+def _shifted(shift: Int, box: UInt, brick: Int) -> UInt:
+    """Number of a brick of a box in a grid whose numbers differ by `shift`; 0 where the box has no such grid."""
+    jit = arrays()
+    shift = dr.gather(jit.Int, shift, box)
+    return jit.UInt(dr.select(shift == NO_GRID, 0, brick + shift))
 
 
 def negligible_depth(boxes: Sequence[VolumeBox]) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import drjit as dr
 import numpy as np
@@ -16,6 +16,7 @@ from hagoromo.transport.march import optical_depth
 from hagoromo.transport.medium import Medium
 from hagoromo.transport.sample import TexelHit
 from hagoromo.transport.shadow_map import ShadowMaps
+from hagoromo.transport.texel_shadow import cone_of, optical_depth_on_way_out, way_out
 from hagoromo.volume.box import VolumeBox
 from hagoromo.volume.voxels import BRICK
 
@@ -32,18 +33,26 @@ MAP_RAYS_PER_RAY = 1.6  # rays of a map for each of the camera from which maps t
 DEEP_BRICK = 0.5  # optical depth of a mean stored brick from which shadow rays are short
 LARGEST_SECANT = 4.0  # 1 / cosθ_i up to which the look-up in a map clears the surface's own shadow
 HIDDEN_TRANSMITTANCE = 4e-3  # a marched shadow ray ends below this transmittance, at DEFAULT_TOLERANCE
+BEHIND_END = 1.5  # optical depth of all matter before a hidden lamp, in that after which its shadow ray ended
+MOST_HIDDEN = 0.03  # transmittance above which none does, at DEFAULT_TOLERANCE
 ROUGH_FIGURES = 0.5, 3.0  # in rough matter: times TEXELS_PER_VOXEL; times DENSE, LEAST_DIFFERENCE, DIFFERENCE_SHARE
 MARCHED_VOXELS = 3.0  # length of that march [voxel], at DEFAULT_TOLERANCE
 
 
 def brute_attenuation(medium: Medium) -> Attenuation:
     """`Attenuation` by marching from every point to the lamp: slow, but the oracle of the maps."""
-    deepest = hidden_depth(medium)
+    marched = _marched(medium)
 
     def transmittance(
-        lamp: int, point: Array3f, to_lamp: Array3f, distance: Float, extinction: Float, texel_hit: TexelHit | None
+        lamp: int,
+        point: Array3f,
+        to_lamp: Array3f,
+        distance: Float,
+        extinction: Float,
+        seen: Float,
+        texel_hit: TexelHit | None,
     ) -> Float:
-        return dr.exp(-optical_depth(medium, point, to_lamp, arrays().Float(0), arrays().Float(distance), deepest))
+        return marched(point, to_lamp, arrays().Float(distance), seen, texel_hit)
 
     return transmittance
 
@@ -57,8 +66,10 @@ def mapped_attenuation(
     the map is looked up behind them: else the surface's own shadow shows the texels as bands. Where the
     rays of the map around that place differ, at edges of shadows and under light that grazes, all of the way is
     marched. `tolerance` (see `Settings`) says where.
+
+    From a sample in a texel its cloth is followed out, as if it went on flat to its hem; the map is looked up outside.
     """
-    jit, finer, deepest = arrays(), math.sqrt(tolerance / DEFAULT_TOLERANCE), hidden_depth(medium)
+    jit, finer, marched = arrays(), math.sqrt(tolerance / DEFAULT_TOLERANCE), _marched(medium)
     maps = ShadowMaps(medium, lamps, resolution or map_resolution(medium, tolerance))
     looser = finer**2 * (ROUGH_FIGURES[1] if medium.rough else 1.0)
     least, share = (dr.opaque(jit.Float, figure * looser) for figure in (LEAST_DIFFERENCE, DIFFERENCE_SHARE))
@@ -67,33 +78,62 @@ def mapped_attenuation(
     dense = dr.opaque(jit.Float, DENSE * looser / length)
 
     def transmittance(
-        lamp: int, point: Array3f, to_lamp: Array3f, distance: Float, extinction: Float, texel_hit: TexelHit | None
+        lamp: int,
+        point: Array3f,
+        to_lamp: Array3f,
+        distance: Float,
+        extinction: Float,
+        seen: Float,
+        texel_hit: TexelHit | None,
     ) -> Float:
+        distance = jit.Float(distance)
         if texel_hit is None:  # no box has a texel, or the point is on a surface
-            return looked_up(lamp, point, to_lamp, distance, extinction)
-        return dr.if_stmt(
-            (point, to_lamp, distance, extinction, texel_hit), texel_hit.textured,
-            lambda point, to_lamp, distance, _, texel_hit: out_of_texel(lamp, point, to_lamp, distance, texel_hit),
-            lambda point, to_lamp, distance, extinction, _: looked_up(lamp, point, to_lamp, distance, extinction),
-        )  # fmt: skip
+            behind, reach = looked_up(lamp, point, to_lamp, distance, extinction)
+        else:
+            behind, reach = dr.if_stmt(
+                (point, to_lamp, distance, extinction, texel_hit), texel_hit.textured,
+                lambda point, to_lamp, distance, _, texel_hit: out_of_texel(lamp, point, to_lamp, distance, texel_hit),
+                lambda point, to_lamp, distance, extinction, _: looked_up(lamp, point, to_lamp, distance, extinction),
+            )  # fmt: skip
+        return behind * marched(point, to_lamp, reach, seen, texel_hit)
 
-    def out_of_texel(lamp: int, point: Array3f, to_lamp: Array3f, distance: Float, texel_hit: TexelHit) -> Float:
-        depth, length = medium.optical_depth_in_texel(texel_hit, to_lamp, distance)
+    def out_of_texel(
+        lamp: int, point: Array3f, to_lamp: Array3f, distance: Float, texel_hit: TexelHit
+    ) -> tuple[Float, Float]:
+        length = way_out(medium, texel_hit, to_lamp, distance)
+        depth = optical_depth_on_way_out(medium, texel_hit, point, to_lamp, length)
         slope = dr.abs(dr.dot(texel_hit.frame.normal, to_lamp))
         length += maps.ray_spacing(lamp, point) * (1.0 + dr.fmin(dr.rcp(dr.fmax(slope, 1e-2)), LARGEST_SECANT))
-        return dr.exp(-depth) * maps.transmittance(lamp, dr.fma(to_lamp, dr.fmin(length, distance), point))[0]
+        outside = dr.fma(to_lamp, dr.fmin(length, distance), point)
+        return dr.exp(-depth) * maps.transmittance(lamp, outside)[0], jit.Float(0)
 
-    def looked_up(lamp: int, point: Array3f, to_lamp: Array3f, distance: Float, extinction: Float) -> Float:
-        distance = jit.Float(distance)
+    def looked_up(
+        lamp: int, point: Array3f, to_lamp: Array3f, distance: Float, extinction: Float
+    ) -> tuple[Float, Float]:
         reach = dr.fmin(dr.select(extinction > dense, near, 0.0), distance)
         behind, difference = maps.transmittance(lamp, dr.fma(to_lamp, reach, point))
         uneven = difference > dr.fma(share, behind, least)
-        reach = dr.select(uneven, distance, reach)
-        return dr.select(uneven, 1.0, behind) * dr.exp(
-            -optical_depth(medium, point, to_lamp, jit.Float(0), reach, deepest)
-        )
+        return dr.select(uneven, 1.0, behind), dr.select(uneven, distance, reach)
 
     return transmittance
+
+
+def _marched(medium: Medium) -> Callable[[Array3f, Array3f, Float, Float, TexelHit | None], Float]:
+    """Transmittance along the first part of the way from a point to a lamp: (point, to_lamp, its length [m], share of
+    the point's light that reaches the eye, place in a texel).
+
+    The less of a point is seen, the sooner a ray from it ends: what is cut off is the same part of a pixel. A ray that
+    ends is taken to have BEHIND_END times as much before it: rates of light are those of lamps that are hidden.
+    """
+    deepest, least = hidden_depth(medium), -dr.log(MOST_HIDDEN * medium.tolerance)
+
+    def marched(point: Array3f, to_lamp: Array3f, reach: Float, seen: Float, texel_hit: TexelHit | None) -> Float:
+        cone = (0.0, 0.0) if texel_hit is None else cone_of(medium, texel_hit)
+        enough = dr.fmax(deepest + dr.log(dr.fmax(seen, 1e-6)), least)
+        depth = optical_depth(medium, point, to_lamp, arrays().Float(0), reach, enough, cone)
+        return dr.exp(-dr.select(depth >= enough, BEHIND_END * depth, depth))
+
+    return marched
 
 
 def hidden_depth(medium: Medium) -> Float:

@@ -9,11 +9,11 @@ from typing import NamedTuple
 import drjit as dr
 import numpy as np
 
-from hagoromo.backend import Array3f, Bool, Float, Int, UInt, aligned, arrays, check_entries, clip, lookup
-from hagoromo.files.memory import require
+from hagoromo.backend import Array3f, Bool, Float, Int, UInt, arrays, clip, lookup
 from hagoromo.transport.chart import PERIOD, ChartScale, SurfacePoint
-from hagoromo.volume.texel import DIRECTIONS, Level, LightScale, Texel
-from hagoromo.volume.voxels import HALF_EXPONENT, SMALLEST_DENSITY, axis_between, half_value, lerp, packed_axis
+from hagoromo.transport.texel_pools import TexelPools, pools_of
+from hagoromo.volume.texel import LightScale, Texel
+from hagoromo.volume.voxels import HALF_EXPONENT, axis_between, half_value, lerp
 
 STEPS_PER_CELL = 2.0  # steps of a camera ray along the shortest edge of a cell
 SHADOW_STEP = 2.0  # length of a step towards a lamp within the texel, in steps of a camera ray
@@ -21,7 +21,6 @@ HIDDEN_OPTICAL_DEPTH = 6.5  # a lamp behind it counts as hidden: exp(−6.5) = 1
 LONGEST_PATH = 6.0  # longest path of light through a texel, in thicknesses: farther the surface is not flat
 MOST_SHADOW_STEPS = 64.0  # towards one lamp within the texel
 HEIGHT_ERROR = 0.35  # [voxel] error of interpolated heights where sheets are close
-NODES_AT_ONCE = 1 << 18  # of a level, that are packed together
 CELL_MARGIN = 1e-3  # [cell] by which the last cell along the height ends before its last node
 
 
@@ -78,30 +77,23 @@ class TexelLevel:
 class Textures:
     """Rows of numbers per box and per level, and the pools of all levels."""
 
-    def __init__(self, boxes: Sequence[tuple[Texel | None, tuple[float, float], float]], finer: float = 1.0) -> None:
-        """boxes: of each its texel, band of heights [m] and voxel size [m]. finer: factor on the length of steps."""
+    def __init__(
+        self, boxes: Sequence[tuple[Texel | None, tuple[float, float], float]], finer: float = 1.0, kept: bool = True
+    ) -> None:
+        """boxes: of each its texel, band of heights [m] and voxel size [m]. finer: factor on the length of steps. kept:
+        whether what is packed of the texels stays on the device for others, see `pools_of`.
+        """
         jit = arrays()
         texels = list({id(texel): texel for texel, *_ in boxes if texel}.values())
-        levels = [level for texel in texels for level in texel.levels]
-        count = sum(_entries(level) for level in levels)
-        check_entries(count, "the texels of all boxes together")
-        require(8 * count, "the texels of all boxes together")
+        pools = pools_of(texels) if kept else TexelPools(texels)
+        self.rows, self.axes_behind, self.scale = pools.rows, pools.axes_behind, pools.scale
+        self.densities_pool, self.axes_pool = pools.densities, pools.axes
         first = np.cumsum([0, *(len(texel.levels) for texel in texels)])
         places = {id(texel): int(start) for texel, start in zip(texels, first, strict=False)}
-        offsets = np.cumsum([0, *map(_entries, levels)])
-        rows = [_level_row(texel, level) for texel in texels for level in texel.levels]
-        words = np.array([(offset, *row) for offset, row in zip(offsets, rows, strict=False)], np.uint32)
-        self.rows = lookup(jit.UInt, words)
-        axes = np.cumsum([0, *(level.density.size for level in levels)])
-        self.axes_behind = lookup(jit.UInt, (axes - offsets)[:-1].astype(np.uint32))
         edges = np.concatenate([texel.edges for texel in texels])
         self.steps = lookup(jit.Float, (edges / STEPS_PER_CELL * finer).astype(np.float32))
         self.populations = max(texel.populations for texel in texels)
         self.parts = max(texel.parts for texel in texels)
-        scale = np.zeros((len(levels), self.populations, DIRECTIONS, DIRECTIONS, self.parts), np.float32)
-        for row, level in zip(scale, levels, strict=True):
-            row[: len(level.scale), ..., : level.scale.shape[1]] = np.moveaxis(level.scale, 1, -1)
-        self.scale = lookup(jit.Float, scale)
         whole, floats = np.zeros((len(boxes), 4), np.uint32), np.ones((len(boxes), 8), np.float32)
         for numbers, row, (texel, band, voxel) in zip(whole, floats, boxes, strict=True):
             if texel:
@@ -109,17 +101,7 @@ class Textures:
                 row[:4] = texel.bottom, 1.0 / (texel.top - texel.bottom), band[0], band[1] - band[0]
                 row[4:8] = *(1.0 / np.array(texel.period)), 1.0 / texel.edges[0], voxel
         self.whole, self.floats = lookup(jit.UInt, whole), lookup(jit.Float, floats)
-        self.densities_pool, self.axes_pool = _densities_pool(levels, count), _axes_pool(levels)
-        dr.eval(
-            self.rows,
-            self.axes_behind,
-            self.steps,
-            self.scale,
-            self.whole,
-            self.floats,
-            self.densities_pool,
-            self.axes_pool,
-        )
+        dr.eval(self.steps, self.whole, self.floats)
 
     def textured(self, box: UInt) -> Bool:
         """Whether box number `box` has a texel."""
@@ -136,6 +118,12 @@ class Textures:
         octave = dr.fmax(dr.log2(dr.fmax(footprint * finest, 1e-6)) + dither, 0.0)
         row = first + dr.minimum(jit.UInt(octave), dr.maximum(count, 1) - 1)
         return row, dr.gather(jit.Float, self.steps, row)
+
+    def footprint(self, box: UInt, row: UInt) -> Float:
+        """A footprint [m] of which `level` gives this row of the box."""
+        jit = arrays()
+        octave = jit.Float(row - dr.gather(jit.UInt, self.whole, box * 4))
+        return dr.exp2(octave + 0.5) / dr.gather(jit.Float, self.floats, box * 8 + 6)
 
     def clearance(self, box: UInt, share: Float) -> Float:
         """Least distance [m] from matter at a `share` 0…1 of the band of heights; 0 where there may be matter."""
@@ -211,32 +199,42 @@ class Textures:
         tau: Float,
         seen: SeenAlong | None = None,
         stride: float = SHADOW_STEP,
+        presence: Callable[[Float], Float] | None = None,
     ) -> tuple[Float, Float]:
         """Optical depth along a straight `way` (u, v, normal; unit) out of the texel, and the length of the way [m].
 
         The way ends at `stop` [m] if that is nearer. Beyond HIDDEN_OPTICAL_DEPTH the depth is cut short. The surface
         is taken for flat. seen: of the elements along the way; None where extinction is isotropic. stride: length of
-        a step, in steps of a camera ray.
+        a step, in steps of a camera ray. presence: of the cloth at a distance along the way [m]; None: that of `here`.
         """
-        jit, lattice = arrays(), self.lattice(box, level)
+        jit, lattice, reach = arrays(), self.lattice(box, level), self.way_out(box, here.height, way.z, stop)
         per_metre = [dr.gather(jit.Float, self.floats, box * 8 + k) for k in (4, 5)]
-        thickness = dr.rcp(lattice.inverse)
-        rising = way.z > 0
-        room = dr.select(rising, lattice.bottom + thickness - here.height, here.height - lattice.bottom)
-        reach = dr.fmin(room / dr.fmax(dr.abs(way.z), 1e-4), dr.fmin(stop, LONGEST_PATH * thickness))
         step = stride * dr.gather(jit.Float, self.steps, level)
         count = dr.fmin(dr.fmax(dr.ceil(reach / step), 1.0), MOST_SHADOW_STEPS)
         length = reach / count
         enough = HIDDEN_OPTICAL_DEPTH / (tau * length)
 
         def one(k: Float, passed: Float) -> tuple[Float, Float]:
-            there = here.moved((k + 0.5) * length, way, per_metre)
+            on = (k + 0.5) * length
+            there = here.moved(on, way, per_metre)
+            if presence is not None:
+                there.presence = presence(on)
             density = sum(self.seen_densities(lattice, there, seen)) if seen else self.density(lattice, there)
             return k + 1.0, passed + density
 
         start = jit.Float(0), jit.Float(0)
         _, passed = dr.while_loop(start, lambda k, passed: (k < count) & (passed < enough), one)
         return tau * passed * length, reach
+
+    def way_out(self, box: UInt, height: Float, rise: Float, stop: Float) -> Float:
+        """Length of a straight way out of the texel from a height [m] in it, or to `stop` [m] if that is nearer.
+
+        rise: cosine of the way to the normal. No way is longer than LONGEST_PATH.
+        """
+        bottom, inverse, _, _ = dr.gather(arrays().Array4f, self.floats, 2 * box)
+        thickness = dr.rcp(inverse)
+        room = dr.select(rise > 0, bottom + thickness - height, height - bottom)
+        return dr.fmin(room / dr.fmax(dr.abs(rise), 1e-4), dr.fmin(stop, LONGEST_PATH * thickness))
 
     def _density(self, lattice: TexelLevel, corner: Corner, number: UInt) -> Float:
         """Density of the population before `number`, of all together for 0."""
@@ -256,54 +254,3 @@ def _mixed(u: Int, v: Int) -> UInt:
     word = (word ^ (word >> 16)) * 0x85EBCA6B
     word = (word ^ (word >> 13)) * 0xC2B2AE35
     return word ^ (word >> 16)
-
-
-def _level_row(texel: Texel, level: Level) -> tuple[int, int, int]:
-    """Nodes along u, nodes along h, and nodes along v with cells of a period along u above them."""
-    v, u, h = level.nodes
-    check_entries(max(v, u // texel.variants) << 16, "a side of a texel")
-    return u, h, v | (texel.cells(level)[0] << 16)
-
-
-def _entries(level: Level) -> int:
-    """Of a level in the pools: all populations together, then each."""
-    return level.density.size // len(level.density) * (len(level.density) + 1)
-
-
-def _densities_pool(levels: Sequence[Level], count: int) -> UInt:
-    """Densities as halves, each with the next above it, of all levels; filled some rows at a time."""
-    pool, start = aligned(count, np.uint32), 0
-    for level in levels:
-        for rows in _rows(level):
-            density = level.density[:, rows]
-            total = density.sum(axis=0, dtype=np.float32).astype(np.float16)
-            for number, values in enumerate((total, *density)):
-                halves = np.where(values < SMALLEST_DENSITY, np.float16(0), values).view(np.uint16)
-                first = start + (number * level.nodes[0] + rows.start) * values[0].size
-                pairs = pool[first : first + values.size].reshape(values.shape)
-                pairs[...] = halves
-                pairs[..., :-1] |= halves[..., 1:].astype(np.uint32) << np.uint32(16)
-        start += _entries(level)
-    return arrays().UInt(pool)
-
-
-def _axes_pool(levels: Sequence[Level]) -> Int:
-    """Packed axes of all levels, population by population."""
-    jit = arrays()
-    pool, start = dr.zeros(jit.Int, max(sum(level.density.size for level in levels), 2)), 0
-    for level in levels:
-        for values in level.axis:
-            for rows in _rows(level):
-                axis = packed_axis(jit.Array3f(dr.unravel(jit.Array3f16, lookup(jit.Float16, values[rows]))))
-                dr.scatter(pool, axis, dr.arange(jit.UInt, dr.width(axis)) + dr.opaque(jit.UInt, start))
-                dr.eval(pool)
-                dr.sync_thread()  # the memory of rows that wait for the device adds up
-                start += dr.width(axis)
-    return pool
-
-
-def _rows(level: Level) -> list[slice]:
-    """Rows along v of about NODES_AT_ONCE nodes of a population."""
-    v, u, h = level.nodes
-    step = max(NODES_AT_ONCE // (u * h), 1)
-    return [slice(begin, min(begin + step, v)) for begin in range(0, v, step)]

@@ -17,7 +17,7 @@ LAMP_DISTANCE_M = 1e3  # [m] distance of the lamps
 
 def on_device(texel: Texel) -> Textures:
     """The levels of a texel as kernels read them."""
-    return Textures([(texel, (texel.bottom, texel.top), 1.0)])
+    return Textures([(texel, (texel.bottom, texel.top), 1.0)], kept=False)
 
 
 class Layer:

@@ -5,7 +5,7 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from hagoromo.transport import textures
+from hagoromo.transport import texel_pools
 from hagoromo.transport.textures import Textures
 from hagoromo.volume.texel import Texel
 from hagoromo_matter.hair import fibres
@@ -79,8 +79,8 @@ def test_pools_of_textures_do_not_depend_on_how_many_rows_are_packed_at_once(mon
     texel = Texel((1e-3, 2e-3), 0.0, 1e-3, 3, levels)
     pools = []
     for count in (1 << 20, 900):
-        monkeypatch.setattr(textures, "NODES_AT_ONCE", count)
-        made = Textures([(texel, (0.0, 1e-3), 1.0)])
+        monkeypatch.setattr(texel_pools, "NODES_AT_ONCE", count)
+        made = Textures([(texel, (0.0, 1e-3), 1.0)], kept=False)
         pools.append((np.array(made.densities_pool), np.array(made.axes_pool)))
     assert all(np.array_equal(one, other) for one, other in zip(*pools, strict=True))
     halves = np.concatenate([level.density.ravel() for level in levels])

@@ -135,3 +135,19 @@ def test_a_denoised_picture_is_nearer_to_the_truth_and_marked(image, tmp_path):
         hg.compare(tmp_path / "a.exr", tmp_path / "a.exr")
     with pytest.raises(hg.InputError, match="no layers of albedo and normal"):
         denoised(hg.render(ball_and_box()).layers, clean)
+
+
+@pytest.mark.skipif(NO_DENOISER, reason="Open Image Denoise is not installed (pip install 'hagoromo[denoise]')")
+def test_the_edge_of_a_denoised_picture_is_as_smooth_as_its_middle():
+    """A grey picture with noise of 10 %: its two outermost pixels are off like the middle in the mean over draws, where
+    they were 2.5 times as far; in one draw 1.3 times (2.8), as their reflection is no other noise.
+    """
+    size = (96, 96)
+    layers = {f"albedo.{name}": np.full(size, 0.5) for name in "RGB"}
+    layers |= {f"normal.{name}": np.full(size, float(name == "Z")) for name in "XYZ"}
+    noise = np.random.default_rng(0).standard_normal((8, *size, 3))
+    off = np.array([denoised(layers, 0.5 * (1.0 + 0.1 * each)) - 0.5 for each in noise])
+    edge, middle = np.ones(size, bool), np.zeros(size, bool)
+    edge[2:-2, 2:-2], middle[16:-16, 16:-16] = False, True
+    for values, most in ((np.abs(off.mean(axis=(0, 3))), 1.5), (np.abs(off).mean(axis=(0, 3)), 1.6)):
+        assert values[edge].mean() < most * values[middle].mean()

@@ -85,14 +85,22 @@ def test_shadows_of_few_rays_are_marched_in_dense_matter_alone(monkeypatch):
 
 
 def test_a_hidden_lamp_ends_its_shadow_ray():
-    """What is cut off is at most HIDDEN_TRANSMITTANCE of a lamp, a tenth of the tolerance; all else is as it was."""
+    """What is cut off is at most HIDDEN_TRANSMITTANCE of a lamp, a tenth of the tolerance; all else is as it was. Of a
+    point of which the eye sees little it is more, in proportion, up to MOST_HIDDEN.
+    """
     jit, medium = arrays(), Medium([noisy_ball(smooth=True)])
     point = vectors(np.linspace([0.0, 0.0, 0.9], [0.0, 0.0, 0.0], 200))
     to_lamp, far = jit.Array3f(0.0, 0.0, 1.0), jit.Float(10.0)
-    cut = np.array(brute_attenuation(medium)(0, point, to_lamp, far, jit.Float(0), None))
+    cut, little = (
+        np.array(brute_attenuation(medium)(0, point, to_lamp, far, jit.Float(0), jit.Float(seen), None))
+        for seen in (1.0, 0.5)
+    )
     whole = np.exp(-np.array(optical_depth(medium, point, to_lamp, jit.Float(0), far, jit.Float(np.inf))))
     seen = whole > HIDDEN_TRANSMITTANCE
     assert 20 < seen.sum() < 180
     assert np.allclose(cut[seen], whole[seen], rtol=1e-5), "but for the two functions of the exponential"
     assert (cut[~seen] <= 1.001 * HIDDEN_TRANSMITTANCE).all()
-    assert (cut[~seen] > whole[~seen]).any()
+    assert (cut[~seen] != whole[~seen]).any()
+    assert np.allclose(little[whole > 2.0 * HIDDEN_TRANSMITTANCE], whole[whole > 2.0 * HIDDEN_TRANSMITTANCE], rtol=1e-5)
+    assert (little <= np.maximum(1.001 * whole, 2.0 * HIDDEN_TRANSMITTANCE)).all()
+    assert (np.abs(little - cut)[~seen] > 0.0).any()

@@ -1,5 +1,6 @@
 """Laws of texels and charts: looked up through a chart, matter is what it is in a plain box; levels keep its means."""
 
+import gc
 import math
 from dataclasses import replace
 from functools import lru_cache
@@ -21,6 +22,7 @@ from hagoromo.light.spectrum import Spectrum
 from hagoromo.matter.fill import Fineness, fill
 from hagoromo.matter.shape import coverage
 from hagoromo.reflectance.reflectance import Reflectance
+from hagoromo.transport import texel_pools
 from hagoromo.transport.march import optical_depth
 from hagoromo.transport.medium import Medium
 from hagoromo.volume.box_header import Extinction
@@ -164,11 +166,50 @@ def test_a_texel_on_a_plane_looks_like_the_same_matter_in_a_plain_box(shadows, e
 
 
 def test_maps_and_the_way_out_of_the_texel_agree_with_the_brute_march():
-    """4 %, of single pixels 12 %: what leaves the texel is taken as straight, and is looked up behind a map's rays."""
+    """Of single pixels 1 %, far from hems: what leaves the texel is looked up behind a map's rays."""
     box = sheet()
     mapped, marched = seen(box), seen(box, shadows="march")
-    assert mapped[0].mean() == pytest.approx(marched[0].mean(), rel=0.04)
-    assert mean_difference(mapped[0], marched[0]) < 0.12
+    assert mapped[0].mean() == pytest.approx(marched[0].mean(), rel=2e-3)
+    assert mean_difference(mapped[0], marched[0]) < 0.01
+
+
+def hemmed(point):
+    """The plane as `flat`, hemmed all around at 2.6 mm."""
+    inside = 2.6 - dr.fmax(dr.abs(point.x), dr.abs(point.z))
+    return flat()(point)._replace(presence=dr.fmin(dr.fmax(0.5 + inside / 2.1, 0.0), 1.0))
+
+
+def test_light_enters_at_a_hem_by_maps_as_by_the_march():
+    """1 % of single pixels near all four hems: 10 % when cloth was followed as if it went on beyond them."""
+    mapped, marched = seen(sheet(hemmed)), seen(sheet(hemmed), shadows="march")
+    assert marched[1].min() == 0.0 < marched[1].max()
+    assert mean_difference(mapped[0], marched[0]) < 0.01
+
+
+def test_marched_shadows_of_a_coarse_level_are_those_of_that_level():
+    """2 % of the mean picture: light of a level was matched with its own shadows, and was 3.6 % off with those of the
+    finest one.
+    """
+    box, figures = sheet(size=24.0), {"distance": 0.9, "towards": (0.3, -1.0, 0.4)}
+    coarse, fine = (seen(box, 1, "march", pixels=pixels, **figures)[0].mean() for pixels in (6, 14 * 6))
+    assert coarse == pytest.approx(fine, rel=0.02)
+
+
+def test_a_texel_is_packed_once_for_all_pictures_of_it(monkeypatch, few_match_points):
+    """And what was packed goes with it."""
+    box, packed = quick_sheet(), []
+    box = replace(box, texel=replace(texel_of(box)))  # the other one is kept for further tests
+    true = texel_pools.TexelPools.__init__
+    monkeypatch.setattr(
+        texel_pools.TexelPools, "__init__", lambda self, texels: (packed.append(1), true(self, texels))[1]
+    )
+    before = len(texel_pools._kept)
+    for tolerance in (0.04, 0.16):
+        Medium([box], tolerance)
+    assert len(packed) == 1 and len(texel_pools._kept) == before + 1
+    del box
+    gc.collect()
+    assert len(texel_pools._kept) == before
 
 
 def test_a_jump_by_whole_periods_is_not_seen(few_match_points):

@@ -219,7 +219,7 @@ def _light(
         if lighting.attenuation is not None:
             lit = arrays().Bool(True)
             irradiance = irradiance * lighting.transmittance(
-                lamp, lit, element, point, to_lamp, distance, 0.5 * share, texel_hit
+                lamp, lit, element, point, to_lamp, distance, 0.5 * share, 1.0, texel_hit
             )
         light.append(irradiance)
     return light
