@@ -13,6 +13,8 @@ from studies.uw_psm import shrunk
 STUDIES = Path(__file__).parents[2] / "studies"
 FILES = [path.relative_to(STUDIES).as_posix() for path in sorted(STUDIES.rglob("*.py"))]
 INSIDE = {  # modules of the package that a study takes apart, and why no public name serves it
+    # a mend with few of the walks of one picture, many times over
+    "few_walks.py": {"image.full_mend", "image.full_picture", "image.full_walks", "image.prepared_scene"},
     # the models that the fits minimise, to predict readings from parameters that no fit has found
     "merl.py": {
         "app.shared_options",
