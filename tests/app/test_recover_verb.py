@@ -35,8 +35,9 @@ def test_it_writes_a_box_a_mesh_what_was_found_and_a_report(written):
     assert record["photographs"] == 8 and len(record["kept_aside"]) == 1 and record["complete"]
     assert record["hagoromo"]["seed"] == 0 and record["hagoromo"]["settings"]["side"] == 24
     assert {"beta", "gamma", "n"} <= record["material"].keys()
-    page = written.with_suffix(".html").read_text()
-    assert "kept aside" in page and "PSNR" in page and "http" not in page.split("<body")[1]
+    body = written.with_suffix(".html").read_text().split("<body")[1]
+    assert "kept aside" in body and "PSNR" in body
+    assert "http:" not in body and "https:" not in body  # pictures in base64 may hold the four letters
 
 
 def test_a_box_is_a_scene_for_render(written, tmp_path):

@@ -125,7 +125,7 @@ def body_map(
             own, spread = _own(capture, pixels, material, white)
             known = np.isfinite(spread)
             value[index], error[index] = np.where(known, own, mean), np.where(known, spread, error[index])
-        else:
+        elif np.all(mean > 0.0):
             own, spread = _own(capture, pixels, replace(material, texture=ANY_BODY), white)
             other = _is_other(own, spread, mean)
             value[index], error[index] = np.where(other, own, mean), np.where(other, spread, error[index])
