@@ -25,12 +25,11 @@ from hagoromo.light.lamp import by_place
 from hagoromo.transport.differentiable_medium import differentiable_attenuation
 from hagoromo.transport.film import tile_order as tile_order
 from hagoromo.transport.gamma_rows import GammaRows
-from hagoromo.transport.lighting import Attenuation, AttenuationOfAll, Lighting, ShadowRay
+from hagoromo.transport.lighting import Attenuation, AttenuationOfAll, Lighting, ShadowRay, WayToLamp
 from hagoromo.transport.march import march
 from hagoromo.transport.materials import Materials
 from hagoromo.transport.medium import Medium
 from hagoromo.transport.palette import Palette
-from hagoromo.transport.sample import TexelHit
 from hagoromo.transport.shadow import (
     brute_attenuation,
     map_resolution,
@@ -241,19 +240,9 @@ def gamma_rows_of(scene: Scene) -> GammaRows | None:
 def _attenuation(boxes_shade: Attenuation | None, surfaces: Surfaces | None) -> Attenuation:
     """Transmittance from a lamp to a point through all boxes, 0 behind a surface."""
 
-    def share(
-        lamp: int,
-        point: Array3f,
-        to_lamp: Array3f,
-        distance: Float,
-        extinction: Float,
-        seen: Float,
-        texel_hit: TexelHit | None,
-    ) -> Float:
-        passed = arrays().Float(1)
-        if boxes_shade:
-            passed = boxes_shade(lamp, point, to_lamp, distance, extinction, seen, texel_hit)
-        return dr.select(surfaces.visible(point, to_lamp, distance), passed, 0.0) if surfaces else passed
+    def share(lamp: int, way: WayToLamp) -> Float:
+        passed = boxes_shade(lamp, way) if boxes_shade else arrays().Float(1)
+        return dr.select(surfaces.visible(way.origin, way.to_lamp, way.distance), passed, 0.0) if surfaces else passed
 
     return share
 

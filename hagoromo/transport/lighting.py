@@ -7,6 +7,7 @@ with one spectrum and every colour of the palette (MODEL §5). Exposing through 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Protocol
 
 import drjit as dr
@@ -21,11 +22,27 @@ from hagoromo.transport.palette import position_of
 from hagoromo.transport.sample import Element, TexelHit
 
 MOST_LAMPS = 512  # of one kernel, each a part of it; pictures are made of batches of fewer
-# (lamp number, point, to_lamp, distance to the lamp [m], extinction at the point [1/m], share of the point's light that
-# reaches the eye at most, place in a texel) → transmittance 0…1
-Attenuation = Callable[[int, Array3f, Array3f, Float, Float, Float, TexelHit | None], Float]
 ShadowRay = tuple[Array3f, Array3f, Float]  # origin, to_lamp, distance to the lamp [m]
 AttenuationOfAll = Callable[[list[ShadowRay]], list[Float]]  # transmittance 0…1 of each; see `DifferentiableMedium`
+
+
+@dataclass
+class WayToLamp:
+    """The straight way from a point of matter or of a surface to a lamp.
+
+    origin: world [m]. to_lamp: unit. distance: to the lamp [m]. extinction: around the point [1/m]. seen: share of the
+    point's light that reaches the eye, at most. texel_hit: its place in a texel; None without texels.
+    """
+
+    origin: Array3f
+    to_lamp: Array3f
+    distance: Float
+    extinction: Float
+    seen: Float
+    texel_hit: TexelHit | None
+
+
+Attenuation = Callable[[int, WayToLamp], Float]  # (lamp number, way) → transmittance 0…1
 
 
 class LampRow(NamedTuple):
@@ -175,13 +192,8 @@ class Lighting:
         for number, (to_lamp, distance, irradiance, weights, lit) in enumerate(arrived):
             passed.append(arrays().Float(1))
             if self.attenuation is not None:
-                transmittance = (
-                    ahead[number]
-                    if ahead
-                    else self.transmittance(
-                        number, lit, elements[0], point, to_lamp, distance, extinction, seen, texel_hit
-                    )
-                )
+                way = WayToLamp(point, to_lamp, distance, extinction, seen, texel_hit)
+                transmittance = ahead[number] if ahead else self.transmittance(number, lit, elements[0], way)
                 passed[-1], irradiance = dr.select(lit, transmittance, 1.0), irradiance * transmittance
             for j in range(len(palette.colours)):
                 total = arrays().Float(0)
@@ -221,30 +233,19 @@ class Lighting:
                 channels[channel] = channels[channel] + each * share
         return channels
 
-    def transmittance(
-        self,
-        lamp: int,
-        lit: Bool,
-        element: Element,
-        point: Array3f,
-        to_lamp: Array3f,
-        distance: Float,
-        extinction: Float,
-        seen: Float,
-        texel_hit: TexelHit | None,
-    ) -> Float:
-        """Transmittance from a lamp to an `element` at `point`; looked up only where matter faces the lamp (`lit`).
+    def transmittance(self, lamp: int, lit: Bool, element: Element, way: WayToLamp) -> Float:
+        """Transmittance of a `way` from an `element` to a lamp; looked up only where matter faces the lamp (`lit`).
 
         With a shadow bias it is the lesser one of two rays: the first, past the skin of the element, has the shadows
         of what is near, the second ends those of all other matter where they should.
         """
-        origin = element.shadow_origin(point, to_lamp)
-        first = self._looked_up(lamp, lit, origin, to_lamp, distance, extinction, seen, texel_hit)
+        origin = element.shadow_origin(way.origin, way.to_lamp)
+        first = self._looked_up(lamp, lit, replace(way, origin=origin))
         if element.shadow_bias is None:
             return first
         biased = lit & (element.shadow_bias > 0.0) & (first > 0.0)
-        origin, rest = element.far_shadow_origin(point, to_lamp, distance)
-        second = self._looked_up(lamp, biased, origin, to_lamp, rest, arrays().Float(0), seen, texel_hit)
+        origin, rest = element.far_shadow_origin(way.origin, way.to_lamp, way.distance)
+        second = self._looked_up(lamp, biased, replace(way, origin=origin, distance=rest, extinction=0.0))
         return dr.select(biased, dr.fmin(first, second), first)
 
     def _transmittances(self, point: Array3f, element: Element, arrived: list[Arrived]) -> list[Float]:
@@ -263,25 +264,16 @@ class Lighting:
         pairs = zip(passed[::2], passed[1::2], strict=True)
         return [dr.select(biased, dr.fmin(first, second), first) for first, second in pairs]
 
-    def _looked_up(
-        self,
-        lamp: int,
-        where: Bool,
-        origin: Array3f,
-        to_lamp: Array3f,
-        distance: Float,
-        extinction: Float,
-        seen: Float,
-        texel_hit: TexelHit | None,
-    ) -> Float:
-        """Transmittance from a lamp to `origin`, 0 but `where` it is asked for."""
+    def _looked_up(self, lamp: int, where: Bool, way: WayToLamp) -> Float:
+        """Transmittance of a `way` to a lamp, 0 but `where` it is asked for."""
         attenuation, Float = self.attenuation, arrays().Float
         assert attenuation is not None
+        numbers = {key: Float(getattr(way, key)) for key in ("distance", "extinction", "seen")}
         return dr.if_stmt(
-            args=(origin, to_lamp, Float(distance), Float(extinction), Float(seen), texel_hit),
+            args=(replace(way, **numbers),),
             cond=where,
-            true_fn=lambda *place: attenuation(lamp, *place),
-            false_fn=lambda *place: Float(0),
+            true_fn=lambda way: attenuation(lamp, way),
+            false_fn=lambda way: Float(0),
         )
 
 

@@ -8,13 +8,12 @@ from collections.abc import Callable, Sequence
 import drjit as dr
 import numpy as np
 
-from hagoromo.backend import Array3f, Float, arrays
+from hagoromo.backend import Float, arrays
 from hagoromo.light.lamp import Lamp
 from hagoromo.transport.frames import DEFAULT_TOLERANCE
-from hagoromo.transport.lighting import Attenuation
+from hagoromo.transport.lighting import Attenuation, WayToLamp
 from hagoromo.transport.march import optical_depth
 from hagoromo.transport.medium import Medium
-from hagoromo.transport.sample import TexelHit
 from hagoromo.transport.shadow_map import ShadowMaps
 from hagoromo.transport.texel_shadow import cone_of, optical_depth_on_way_out, way_out
 from hagoromo.volume.box import VolumeBox
@@ -43,18 +42,7 @@ def brute_attenuation(medium: Medium) -> Attenuation:
     """`Attenuation` by marching from every point to the lamp: slow, but the oracle of the maps."""
     marched = _marched(medium)
 
-    def transmittance(
-        lamp: int,
-        point: Array3f,
-        to_lamp: Array3f,
-        distance: Float,
-        extinction: Float,
-        seen: Float,
-        texel_hit: TexelHit | None,
-    ) -> Float:
-        return marched(point, to_lamp, arrays().Float(distance), seen, texel_hit)
-
-    return transmittance
+    return lambda lamp, way: marched(way, way.distance)
 
 
 def mapped_attenuation(
@@ -77,60 +65,46 @@ def mapped_attenuation(
     near = dr.opaque(jit.Float, MARCHED_VOXELS / math.sqrt(finer) * length)
     dense = dr.opaque(jit.Float, DENSE * looser / length)
 
-    def transmittance(
-        lamp: int,
-        point: Array3f,
-        to_lamp: Array3f,
-        distance: Float,
-        extinction: Float,
-        seen: Float,
-        texel_hit: TexelHit | None,
-    ) -> Float:
-        distance = jit.Float(distance)
-        if texel_hit is None:  # no box has a texel, or the point is on a surface
-            behind, reach = looked_up(lamp, point, to_lamp, distance, extinction)
+    def transmittance(lamp: int, way: WayToLamp) -> Float:
+        if way.texel_hit is None:  # no box has a texel, or the point is on a surface
+            behind, reach = looked_up(lamp, way)
         else:
             behind, reach = dr.if_stmt(
-                (point, to_lamp, distance, extinction, texel_hit), texel_hit.textured,
-                lambda point, to_lamp, distance, _, texel_hit: out_of_texel(lamp, point, to_lamp, distance, texel_hit),
-                lambda point, to_lamp, distance, extinction, _: looked_up(lamp, point, to_lamp, distance, extinction),
-            )  # fmt: skip
-        return behind * marched(point, to_lamp, reach, seen, texel_hit)
+                (way,), way.texel_hit.textured, lambda way: out_of_texel(lamp, way), lambda way: looked_up(lamp, way)
+            )
+        return behind * marched(way, reach)
 
-    def out_of_texel(
-        lamp: int, point: Array3f, to_lamp: Array3f, distance: Float, texel_hit: TexelHit
-    ) -> tuple[Float, Float]:
-        length = way_out(medium, texel_hit, to_lamp, distance)
-        depth = optical_depth_on_way_out(medium, texel_hit, point, to_lamp, length)
-        slope = dr.abs(dr.dot(texel_hit.frame.normal, to_lamp))
-        length += maps.ray_spacing(lamp, point) * (1.0 + dr.fmin(dr.rcp(dr.fmax(slope, 1e-2)), LARGEST_SECANT))
-        outside = dr.fma(to_lamp, dr.fmin(length, distance), point)
+    def out_of_texel(lamp: int, way: WayToLamp) -> tuple[Float, Float]:
+        texel_hit = way.texel_hit
+        assert texel_hit is not None
+        length = way_out(medium, texel_hit, way.to_lamp, way.distance)
+        depth = optical_depth_on_way_out(medium, texel_hit, way.origin, way.to_lamp, length)
+        slope = dr.abs(dr.dot(texel_hit.frame.normal, way.to_lamp))
+        length += maps.ray_spacing(lamp, way.origin) * (1.0 + dr.fmin(dr.rcp(dr.fmax(slope, 1e-2)), LARGEST_SECANT))
+        outside = dr.fma(way.to_lamp, dr.fmin(length, way.distance), way.origin)
         return dr.exp(-depth) * maps.transmittance(lamp, outside)[0], jit.Float(0)
 
-    def looked_up(
-        lamp: int, point: Array3f, to_lamp: Array3f, distance: Float, extinction: Float
-    ) -> tuple[Float, Float]:
-        reach = dr.fmin(dr.select(extinction > dense, near, 0.0), distance)
-        behind, difference = maps.transmittance(lamp, dr.fma(to_lamp, reach, point))
+    def looked_up(lamp: int, way: WayToLamp) -> tuple[Float, Float]:
+        reach = dr.fmin(dr.select(way.extinction > dense, near, 0.0), way.distance)
+        behind, difference = maps.transmittance(lamp, dr.fma(way.to_lamp, reach, way.origin))
         uneven = difference > dr.fma(share, behind, least)
-        return dr.select(uneven, 1.0, behind), dr.select(uneven, distance, reach)
+        return dr.select(uneven, 1.0, behind), dr.select(uneven, way.distance, reach)
 
     return transmittance
 
 
-def _marched(medium: Medium) -> Callable[[Array3f, Array3f, Float, Float, TexelHit | None], Float]:
-    """Transmittance along the first part of the way from a point to a lamp: (point, to_lamp, its length [m], share of
-    the point's light that reaches the eye, place in a texel).
+def _marched(medium: Medium) -> Callable[[WayToLamp, Float], Float]:
+    """Transmittance along the first part of a way to a lamp, of a length [m].
 
     The less of a point is seen, the sooner a ray from it ends: what is cut off is the same part of a pixel. A ray that
     ends is taken to have BEHIND_END times as much before it: rates of light are those of lamps that are hidden.
     """
     deepest, least = hidden_depth(medium), -dr.log(MOST_HIDDEN * medium.tolerance)
 
-    def marched(point: Array3f, to_lamp: Array3f, reach: Float, seen: Float, texel_hit: TexelHit | None) -> Float:
-        cone = (0.0, 0.0) if texel_hit is None else cone_of(medium, texel_hit)
-        enough = dr.fmax(deepest + dr.log(dr.fmax(seen, 1e-6)), least)
-        depth = optical_depth(medium, point, to_lamp, arrays().Float(0), reach, enough, cone)
+    def marched(way: WayToLamp, reach: Float) -> Float:
+        cone = (0.0, 0.0) if way.texel_hit is None else cone_of(medium, way.texel_hit)
+        enough = dr.fmax(deepest + dr.log(dr.fmax(way.seen, 1e-6)), least)
+        depth = optical_depth(medium, way.origin, way.to_lamp, arrays().Float(0), reach, enough, cone)
         return dr.exp(-dr.select(depth >= enough, BEHIND_END * depth, depth))
 
     return marched

@@ -67,7 +67,7 @@ def optical_depth_on_way_out(
         assert textures is not None
         return textures.optical_depth(
             hit.box, hit.level, hit.here, way, length, hit.tau, seen, presence=there if at_hem else None
-        )[0]
+        )
 
     return dr.if_stmt(
         (point, to_lamp, length, texel_hit), stays_on_cloth(medium, texel_hit, dr.fma(to_lamp, length, point)),

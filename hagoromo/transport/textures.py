@@ -200,8 +200,8 @@ class Textures:
         seen: SeenAlong | None = None,
         stride: float = SHADOW_STEP,
         presence: Callable[[Float], Float] | None = None,
-    ) -> tuple[Float, Float]:
-        """Optical depth along a straight `way` (u, v, normal; unit) out of the texel, and the length of the way [m].
+    ) -> Float:
+        """Optical depth along a straight `way` (u, v, normal; unit) out of the texel.
 
         The way ends at `stop` [m] if that is nearer. Beyond HIDDEN_OPTICAL_DEPTH the depth is cut short. The surface
         is taken for flat. seen: of the elements along the way; None where extinction is isotropic. stride: length of
@@ -224,7 +224,7 @@ class Textures:
 
         start = jit.Float(0), jit.Float(0)
         _, passed = dr.while_loop(start, lambda k, passed: (k < count) & (passed < enough), one)
-        return tau * passed * length, reach
+        return tau * passed * length
 
     def way_out(self, box: UInt, height: Float, rise: Float, stop: Float) -> Float:
         """Length of a straight way out of the texel from a height [m] in it, or to `stop` [m] if that is nearer.

@@ -159,7 +159,7 @@ def _shares(layer: Layer, places: SurfacePoint) -> NDArray[np.float64]:
 def _passed(layer: Layer, here: SurfacePoint, way: Any, stride: float) -> Any:
     """Transmittance from points of the layer out of it along unit ways (u, v, normal)."""
     seen = layer.seen_along(way)
-    depth, _ = layer.textures.optical_depth(layer.box, layer.row, here, way, LAMP_DISTANCE_M, layer.tau, seen, stride)
+    depth = layer.textures.optical_depth(layer.box, layer.row, here, way, LAMP_DISTANCE_M, layer.tau, seen, stride)
     return dr.exp(-depth)
 
 

@@ -142,7 +142,7 @@ class RaysThrough:
     def light(self, here: SurfacePoint) -> list[Any]:
         """Density times the light that the elements at a place send on: every part of every population."""
         layer, way, eye = self.layer, self.rays.to_lamp, self.rays.to_eye
-        depth, _ = layer.textures.optical_depth(
+        depth = layer.textures.optical_depth(
             layer.box, layer.row, here, way, LAMP_DISTANCE_M, layer.tau, layer.seen_along(way)
         )
         arrived, radiance = dr.exp(-depth), []

@@ -8,6 +8,7 @@ import pytest
 import hagoromo as hg
 from hagoromo.backend import arrays, vectors
 from hagoromo.image import prepared_scene
+from hagoromo.transport.lighting import WayToLamp
 from hagoromo.transport.march import optical_depth
 from hagoromo.transport.medium import Medium
 from hagoromo.transport.shadow import HIDDEN_TRANSMITTANCE, brute_attenuation, marching_is_quicker
@@ -92,7 +93,7 @@ def test_a_hidden_lamp_ends_its_shadow_ray():
     point = vectors(np.linspace([0.0, 0.0, 0.9], [0.0, 0.0, 0.0], 200))
     to_lamp, far = jit.Array3f(0.0, 0.0, 1.0), jit.Float(10.0)
     cut, little = (
-        np.array(brute_attenuation(medium)(0, point, to_lamp, far, jit.Float(0), jit.Float(seen), None))
+        np.array(brute_attenuation(medium)(0, WayToLamp(point, to_lamp, far, jit.Float(0), jit.Float(seen), None)))
         for seen in (1.0, 0.5)
     )
     whole = np.exp(-np.array(optical_depth(medium, point, to_lamp, jit.Float(0), far, jit.Float(np.inf))))

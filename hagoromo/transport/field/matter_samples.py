@@ -20,7 +20,7 @@ from hagoromo.transport.field.band_colours import BandColours
 from hagoromo.transport.field.cell_size import densest
 from hagoromo.transport.field.cells import Cells
 from hagoromo.transport.film import scrambled
-from hagoromo.transport.lighting import Lighting
+from hagoromo.transport.lighting import Lighting, WayToLamp
 from hagoromo.transport.materials import Materials
 from hagoromo.transport.medium import Medium
 from hagoromo.transport.sample import Element, TexelHit
@@ -218,9 +218,8 @@ def _light(
         to_lamp, distance, irradiance = lighting.arriving(lamp, point)
         if lighting.attenuation is not None:
             lit = arrays().Bool(True)
-            irradiance = irradiance * lighting.transmittance(
-                lamp, lit, element, point, to_lamp, distance, 0.5 * share, 1.0, texel_hit
-            )
+            way = WayToLamp(point, to_lamp, distance, 0.5 * share, 1.0, texel_hit)
+            irradiance = irradiance * lighting.transmittance(lamp, lit, element, way)
         light.append(irradiance)
     return light
 
