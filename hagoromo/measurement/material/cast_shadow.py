@@ -8,7 +8,6 @@ it would take a fifth or a third for gloss.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -30,22 +29,32 @@ FEWEST_SHADOWED = 9  # pixels of one shadow: fewer are noise, dust or the edge o
 class PixelLight:
     """What K photographs show of M pixels, each summed over the channels.
 
-    value, error: (K, M) and its standard deviation. light: (K, M) irradiance on the surface. usable: (K, M) whether the
-    value is valid, lit and not seen at a grazing angle.
+    value, error: (K, M) and its standard deviation. bodies: of each photograph, `Sight.body` (M, C); light: (K, M) the
+    same. usable: (K, M) whether the value is valid, lit and not seen at a grazing angle. least_half_angle: (K, M) to a
+    highlight [rad].
     """
 
     value: Array
     error: Array
+    bodies: tuple[Array, ...]
     light: Array
     usable: NDArray[np.bool_]
+    least_half_angle: Array
 
     @staticmethod
-    def on(capture: Capture, pixels: Pixels, lamberts: Sequence[Array], usable: NDArray[np.bool_]) -> PixelLight:
-        """lamberts: irradiance (M, C) on the pixels in each photograph."""
+    def on(capture: Capture, pixels: Pixels) -> PixelLight:
+        """What the photographs of a capture show of some pixels."""
         index, photographs = (pixels.rows, pixels.columns), capture.photographs
         value = np.stack([one.values[index].sum(axis=1, dtype=np.float64) for one in photographs])
         variance = np.stack([one.variance[index].sum(axis=1, dtype=np.float64) for one in photographs])
-        return PixelLight(value, np.sqrt(variance), np.stack([one.sum(axis=1) for one in lamberts]), usable)
+        bodies, usable, angles = [], [], []
+        for one in photographs:
+            sight = sight_of(one, pixels.points, pixels.normals)
+            bodies.append(sight.body)
+            usable.append(sight.fit_to_use & one.mask[index])
+            angles.append(sight.least_half_angle)
+        light = np.stack([body.sum(axis=1) for body in bodies])
+        return PixelLight(value, np.sqrt(variance), tuple(bodies), light, np.stack(usable), np.stack(angles))
 
     @property
     def ratio(self) -> Array:
@@ -79,19 +88,11 @@ def without_cast_shadows(capture: Capture, labels: NDArray[np.integer]) -> tuple
         region = (labels == number) & known_shape(capture)
         pixels = Pixels.where(capture, region)
         index = pixels.rows, pixels.columns
-        sights = [sight_of(photograph, pixels.points, pixels.normals) for photograph in capture.photographs]
-        usable = np.stack([
-            sight.fit_to_use & photograph.mask[index]
-            for sight, photograph in zip(sights, capture.photographs, strict=True)
-        ])  # fmt: skip
-        lamberts = [
-            np.einsum("mlc,ml->mc", sight.irradiance, np.maximum(sight.cosines.incidence, 0.0)) for sight in sights
-        ]
-        light = PixelLight.on(capture, pixels, lamberts, usable)
+        light = PixelLight.on(capture, pixels)
         known = light.ratio[np.isfinite(light.ratio)]
         if not known.size:
             continue
-        compared = usable & (usable.sum(axis=0) >= FEWEST_SEEN)
+        compared = light.usable & (light.usable.sum(axis=0) >= FEWEST_SEEN)
         dull = float(np.percentile(known, DULL))
         dark, dusky = (
             compared & light.darker_than_the_others(share) & light.darker_than(share * dull)

@@ -15,7 +15,7 @@ from hagoromo.errors import InputError
 from hagoromo.measurement.material.cast_shadow import PixelLight
 from hagoromo.measurement.nearest import nearest_known
 from hagoromo.measurement.observations import Pixels, known_shape
-from hagoromo.measurement.sight import Array, sight_of
+from hagoromo.measurement.sight import Array
 from hagoromo.photograph.capture import Capture
 
 MATTE = 0.35  # [rad] smallest φ above which a pixel shows more of its body than of its highlight
@@ -70,24 +70,15 @@ def segment(capture: Capture) -> NDArray[np.int64]:
 
 def body_colours(capture: Capture, pixels: Pixels) -> BodyColour:
     """Σ values / Σ Lambertian irradiance over the photographs far from the highlight: noise does not bias it."""
-    sights = [sight_of(photograph, pixels.points, pixels.normals) for photograph in capture.photographs]
-    index = pixels.rows, pixels.columns
-    angles = np.stack([
-        np.where(geometry.fit_to_use & photograph.mask[index], geometry.least_half_angle, -1.0)
-        for geometry, photograph in zip(sights, capture.photographs, strict=True)
-    ])  # fmt: skip
-    lamberts = [
-        np.einsum("mlc,ml->mc", geometry.irradiance, np.maximum(geometry.cosines.incidence, 0.0)) for geometry in sights
-    ]
-    shadowed = PixelLight.on(capture, pixels, lamberts, angles >= 0.0).darker_than_the_others()
-    angles = np.where(shadowed, -1.0, angles)
+    index, light_on = (pixels.rows, pixels.columns), PixelLight.on(capture, pixels)
+    angles = np.where(light_on.usable & ~light_on.darker_than_the_others(), light_on.least_half_angle, -1.0)
     chosen = (angles >= SHARE_OF_ANGLE * angles.max(axis=0)) & (angles >= 0.0)
     value = np.zeros((len(pixels), capture.photographs[0].values.shape[2]))
     variance, light = value.copy(), value.copy()
-    for lambert, photograph, taken in zip(lamberts, capture.photographs, chosen, strict=True):
+    for body, photograph, taken in zip(light_on.bodies, capture.photographs, chosen, strict=True):
         value += np.where(taken[:, None], photograph.values[index], 0.0)
         variance += np.where(taken[:, None], photograph.variance[index], 0.0)
-        light += np.where(taken[:, None], lambert, 0.0)
+        light += np.where(taken[:, None], body, 0.0)
     light = np.where(light > 0.0, light, np.nan)
     return BodyColour(value / light, variance / light**2, angles.max(axis=0) >= MATTE)
 
