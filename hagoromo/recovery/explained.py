@@ -59,9 +59,10 @@ def explained(recovered: Recovered, photograph: Photograph) -> Explained:
     values, predicted = small.values.mean(axis=2), light[..., : small.values.shape[2]].mean(axis=2)
     there, missing, beyond = small.mask & (opacity > OPAQUE) & np.isfinite(values), np.nan, np.nan
     if photograph.silhouette is not None:
-        inner = ndimage.binary_erosion(means(photograph.silhouette, step)[..., 0] > OPAQUE)
+        share = means(photograph.silhouette, step)[..., 0]
+        inner = ndimage.binary_erosion(share > OPAQUE)
         missing = float((opacity[inner] < OPAQUE).mean()) if inner.any() else np.nan
-        beyond = _beyond(recovered, small.camera, opacity, means(photograph.silhouette, step)[..., 0])
+        beyond = _beyond(recovered, small.camera, opacity, share)
     if there.sum() < LEAST_PIXELS:
         return Explained(photograph.name, missing=missing, beyond=beyond)
     bright = there & (predicted > LEAST_SHARE * np.percentile(predicted[there], BRIGHT))

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from hagoromo.errors import InputError
-from hagoromo.files.exr import read_exr
+from hagoromo.files.exr import exr_header
 from hagoromo.files.record import write_json, written_by
 from hagoromo.files.whole import whole_folder, write_text
 from hagoromo.progress import Progress, silent
@@ -99,8 +99,8 @@ def _notes(kept: Sequence[str], payload: Path, path: str | Path) -> _ObjectNotes
         raise InputError(
             f"{path} holds notes on a measured object, and the results hold {len(folders)} measurements: give one"
         )
-    height, width = next(iter(read_exr(payload / folders[0] / NORMALS)[0].values())).shape
-    return _ObjectNotes(folders[0], read_notes(path, (width, height)))
+    header = exr_header(payload / folders[0] / NORMALS)
+    return _ObjectNotes(folders[0], read_notes(path, (header.width, header.height)))
 
 
 def _pictures(
