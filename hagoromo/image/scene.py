@@ -98,7 +98,7 @@ class Scene:
             area_lamps=tuple(lamp for lamp in self.area_lamps if lamp in wide),
             environment=self.environment if self.environment in wide else None,
             surfaces=tuple(
-                surface if surface.emission is None or number in glowing else surface.without_emission()
+                surface if surface.emission is None or number in glowing else surface.traced()
                 for number, surface in enumerate(self.surfaces)
             ),
         )

@@ -30,7 +30,8 @@ SHAPES = ("sphere", "rectangle", "disk", "cylinder", "cube")  # Mitsuba's, unit 
 ROUND_SHAPES = ("sphere", "disk", "cylinder")
 TEXTURES = ("body_texture", "beta_texture", "gamma_texture")
 RELIEFS = ("normal_texture", "bump_texture")
-FINE_ROUND, FINE_SPHERE = 512, 5  # edges around a disk or cylinder that gives off light, halvings of a ball's
+FINE_ROUND, FINE_SPHERE = 512, 5  # edges around a disk or cylinder that is traced as a mesh, halvings of a ball's
+LEAST_STRETCH = 1e-5  # relative difference of lengths, and cosine between axes: more of it is no rounding
 LARGEST_ROUNDING = 1e-4  # of the vertices in a file, in sizes of the mesh, beyond which there is a warning
 LARGEST_UV = 1e4  # single precision leaves a thousandth of an image there
 DETAILS = 256.0  # of a surface, along its size
@@ -150,8 +151,9 @@ class Surface:
                 continue
             if key in RELIEFS:
                 _check_relief(key, texture, who)
-            if self.emission is not None and self.shape in ROUND_SHAPES:
-                raise InputError(f"{who} is a {self.shape} with an emission and a {key}: give a mesh with UVs")
+            if self.traced_as_mesh:
+                why = "stretched" if self.emission is None else "with an emission"
+                raise InputError(f"{who} is a {self.shape} {why} and has a {key}: give a mesh with UVs")
             if self.optics:
                 raise InputError(f"{who} is {self.optics} and has a {key}: leave one of them out")
             if texture.of == "image" and self.shape == "mesh" and self.uv is None:
@@ -273,8 +275,8 @@ class Surface:
     @property
     def figure(self) -> Hashable:
         """Key of its geometry: equal for two surfaces of the same arrays, shape and pose."""
-        if self.emission is not None and self.shape in ROUND_SHAPES:
-            return self.without_emission().figure
+        if self.traced_as_mesh:
+            return self.traced().figure
         relief = (*map(Same, self.reliefs), Same(self.uv)) if any(self.reliefs) else ()
         pose = np.asarray(self.pose, float).tobytes()
         return self.shape, Same(self.vertices), Same(self.faces), self.smooth, pose, *relief
@@ -292,9 +294,25 @@ class Surface:
             return np.asarray(self.vertices), np.asarray(self.faces)
         return _fine_mesh(self.shape, bool(np.linalg.det(self.pose[:3, :3]) < 0.0))
 
-    def without_emission(self) -> Surface:
-        """The same surface, dark. A round shape that gave off light stays the mesh that it was."""
-        if self.emission is None or self.shape not in ROUND_SHAPES:
+    @property
+    def traced_as_mesh(self) -> bool:
+        """Whether a fine mesh stands for a round shape when rays are traced: where it gives off light, as places on it
+        are drawn from triangles, and where its pose makes it what Mitsuba has no exact shape for: a sphere an
+        ellipsoid, a cylinder an oblique or elliptic one.
+        """
+        if self.shape not in ROUND_SHAPES:
+            return False
+        if self.emission is not None:
+            return True
+        axes = np.asarray(self.pose, float)[:3, :3]
+        lengths = np.linalg.norm(axes, axis=0)
+        skew = np.abs((axes / lengths).T @ (axes / lengths) - np.eye(3)).max()
+        alike = lengths[: {"sphere": 3, "cylinder": 2, "disk": 0}[self.shape]]  # axes that must be of one length
+        return bool(len(alike) and max(skew, np.ptp(alike) / alike.max()) > LEAST_STRETCH)
+
+    def traced(self) -> Surface:
+        """The surface that rays are traced against: dark, and a mesh where `traced_as_mesh`."""
+        if not self.traced_as_mesh:
             return replace(self, emission=None)
         vertices, faces = self.triangles()
         return replace(self, emission=None, shape="mesh", vertices=vertices, faces=faces)

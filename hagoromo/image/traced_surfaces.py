@@ -162,7 +162,7 @@ class _Turn(NamedTuple):
 def _shape(surface: Surface, origin: np.ndarray) -> Any:
     mi = mitsuba()
     place = surface.pose[:3, 3] - origin
-    surface = surface.without_emission()  # places on it are drawn from the same triangles
+    surface = surface.traced()  # places on it are drawn from the same triangles
     if surface.shape != "mesh":
         pose = np.vstack([np.column_stack([surface.pose[:3, :3], place]), surface.pose[3]])
         return mi.load_dict({"type": surface.shape, "to_world": mi.ScalarTransform4f(pose.tolist())})

@@ -130,6 +130,7 @@ def _surface(surface: Surface, folder: Path, number: int, around: float) -> Elem
     textures, columns = textures_of(surface, folder, number)
     bsdf = _optics(surface, around) if surface.optics else _reflecting(surface, textures)
     parts = [in_relief(bsdf, surface, folder, number)]
+    surface = surface.traced()
     if surface.shape != "mesh":
         return plugin("shape", surface.shape, parts=parts, to_world=np.asarray(surface.pose, float))
     import trimesh

@@ -26,6 +26,7 @@ from hagoromo.files.reading import reading
 from hagoromo.files.toml_text import toml_text
 from hagoromo.files.whole import whole_file, whole_folder, write_text
 from hagoromo.image.scene import Scene
+from hagoromo.image.shape_mesh import shape_mesh
 from hagoromo.image.surface import Surface
 from hagoromo.light.colour import linear_colour
 from hagoromo.light.other_programs import InOtherPrograms
@@ -49,7 +50,7 @@ ONE_OF_SEVERAL = re.compile(r"_[0-9a-f]{6}$")  # what trimesh adds to the name o
 HEIGHT = 720  # px: a camera of glTF has a field of view and no pixels
 MOST_SURFACES = 2000
 WIDEST_CONE = math.pi / 2 - 1e-3
-AROUND = 128  # corners of what is round
+AROUND, BALL_HALVINGS = 128, 5  # corners of what is round, halvings of the edges of an icosahedron
 WRITTEN_MAPS = ("baseColorTexture", "metallicRoughnessTexture")
 Matrix = NDArray[np.float64]
 
@@ -309,25 +310,6 @@ def _add_lights(tree: dict[str, Any], lights: Sequence[InOtherPrograms]) -> list
 
 def triangles_of(surface: Surface) -> tuple[NDArray[Any], NDArray[Any]]:
     """Vertices and faces of a surface before its pose; of what is round AROUND corners."""
-    import trimesh
-
-    if surface.shape == "mesh":
-        assert surface.vertices is not None and surface.faces is not None
+    if surface.vertices is not None and surface.faces is not None:
         return np.asarray(surface.vertices), np.asarray(surface.faces)
-    if surface.shape == "sphere":
-        ball = trimesh.creation.icosphere(subdivisions=5)
-        return np.asarray(ball.vertices), np.asarray(ball.faces)
-    if surface.shape == "cube":
-        cube = trimesh.creation.box(extents=(2.0, 2.0, 2.0))
-        return np.asarray(cube.vertices), np.asarray(cube.faces)
-    if surface.shape == "rectangle":
-        corners = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
-        return corners, np.array([[0, 1, 2], [0, 2, 3]])
-    angle, one = 2 * np.pi * np.arange(AROUND) / AROUND, np.arange(AROUND)
-    ring, other = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1), (one + 1) % AROUND
-    if surface.shape == "disk":
-        return np.vstack([ring, np.zeros(3)]), np.stack([one, other, np.full(AROUND, AROUND)], axis=1)
-    walls = [np.stack([one, other, other + AROUND], axis=1), np.stack([one, other + AROUND, one + AROUND], axis=1)]
-    return np.vstack([ring, ring + np.array([0.0, 0.0, 1.0])]), np.concatenate(
-        walls
-    )  # Mitsuba's cylinder: open, along z
+    return shape_mesh(surface.shape, AROUND, BALL_HALVINGS)[:2]
