@@ -62,7 +62,7 @@ class Shadows:
 
     def ambient_share(self, share: Array) -> Array:
         """Ambient light per unit of body colour where the fit has this share of the lamp's."""
-        return self.ambient * (1.0 - self.fitted * share)
+        return self.ambient * np.maximum(1.0 - self.fitted * share, 0.0)
 
 
 @dataclass(frozen=True)

@@ -44,7 +44,8 @@ PAGE_WHITE_PERCENTILE = 99.0  # percentile of the photograph's brightest channel
 LEAST_COVERAGE = 0.99  # least coverage of a pixel by the boxes for it to be compared in another view
 Array = NDArray[np.float64]
 BESIDE_HULL = 1e-3  # [rad] a lamp that is nearer to the hull of the others is among them
-LEAST_LIT = 1e-3  # of the brightest pixel: a darker one does not tell what share of the light passes
+LEAST_LIT = 1e-3  # of the brightest pixel: a darker one does not show what share of the light passes
+MOST_PASSED = 10.0  # of the light of the normals: boxes are brighter where voxels round an edge off
 CLIPPED = 0.98  # of the largest valid value: masked values from there on are clipped, and compared
 PREDICTIONS = {
     "boxes": "volume boxes, rendered",
@@ -233,10 +234,10 @@ def passed_by_boxes(stage: Stage, photographs: Sequence[Photograph], views: View
 
 
 def _passed(stage: Stage, photograph: Photograph, boxes: Array, views: Views) -> Array:
-    """(P,) share of the light in values (h, w, 3) of the boxes, 0 to 1: of the normals'; 1 where these are dark."""
+    """(P,) share of the light in values (h, w, 3) of the boxes: of the normals'; 1 where these are dark."""
     passed, whole = (one[views.rows, views.columns].sum(axis=1) for one in (boxes, on_normals(stage, photograph)))
     bright = whole > LEAST_LIT * whole.max(initial=0.0)
-    return np.where(bright, np.clip(passed / np.where(bright, whole, 1.0), 0.0, 1.0), 1.0)
+    return np.where(bright, np.clip(passed / np.where(bright, whole, 1.0), 0.0, MOST_PASSED), 1.0)
 
 
 def _clipped(photograph: Photograph) -> tuple[NDArray[np.bool_], float]:
