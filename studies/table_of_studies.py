@@ -61,6 +61,11 @@ STUDIES: dict[str, Study] = {
             _module("relit_limits", f"{DATA}/uw_psm", "--shrink", "4", "--out", "out/relit_limits", "--force"),
         ),
     ),
+    "random-captures": Study(
+        "photographs of things that nobody chose: how far predictions are off, and which mistakes are named",
+        "20 minutes",
+        (_module("random_captures", "--out", "out/random_captures", "--force"),),
+    ),
     "highlights": Study(
         "where unseen lamps are missed on glossy objects, and what each step gives: docs/relighting.md",
         "10 minutes",

@@ -27,6 +27,7 @@ EDGE_SCALE_PX, STRENGTH_SCALE_PX = 1.0, 8.0  # [px] scales of the compared edges
 FAINT_EDGE = 0.02  # strength (of the logarithm) below which edges are attributed to noise
 STEPS_PER_PIXEL = 10  # resolution of an estimated shift
 LEAST_SIGNAL = 5.0  # standard deviations of a compared pixel's noise from which it shows the scene
+SHOWN_BY = 4  # lamps under which a place must be above its noise, to be one of the object
 LEAST_SHOWN = 0.01  # share of the pixels that must show the scene; a photograph nearly black says nothing of its shift
 CERTAIN_SHIFT = 4.0  # standard errors (of Fisher's z) by which the shift must raise the correlation
 INDEPENDENT = 1.0 / (4.0 * np.pi * EDGE_SCALE_PX**2)  # independent values per pixel of the compared edges
@@ -37,27 +38,35 @@ LEAST_CORRELATION = 0.2  # least correlation with the other photographs, after a
 def linearity_of(capture: Capture) -> Exponent | None:
     """The exponent that the shading asks for; None where the capture cannot tell, for `why_not_tested`.
 
-    Near lamps are tested where the capture has points, at which their direction and distance are taken.
+    Direction and distance of near lamps are those at `points_at`.
     """
     if unfit(capture):
         return None
     shots = capture.photographs
     rows, columns = np.nonzero(np.sum([shot.mask for shot in shots], axis=0) >= 0.5 * len(shots))
-    points = None
-    if any(shot.lamps[0].to_lamp is None for shot in shots):
-        assert capture.points is not None
-        known = np.isfinite(capture.points[rows, columns]).all(axis=1)
-        rows, columns = rows[known], columns[known]
     chosen = np.s_[:: max(-(-len(rows) // MOST_SAMPLES), 1)]
     rows, columns = rows[chosen], columns[chosen]
-    if capture.points is not None:
-        points = np.nan_to_num(np.asarray(capture.points[rows, columns], np.float64))
-    lit = [_towards(shot, points) for shot in shots]
+    points = None
+    if near(capture):
+        points = points_at(capture, np.stack([columns, rows], axis=1) + 0.5)
+        known = np.isfinite(points).all(axis=1)
+        rows, columns, points = rows[known], columns[known], points[known]
+    lit = [towards(shot, points) for shot in shots]
     values = [_grey(shot, rows, columns) / falloff for shot, (_, falloff) in zip(shots, lit, strict=True)]
-    to_lamp = [np.broadcast_to(towards, (len(rows), 3)) for towards, _ in lit]
-    camera = shots[0].camera
-    to_eye = -camera.unproject(np.stack([columns, rows], axis=1) + 0.5)
-    return exponent_of(np.stack(values), np.stack(to_lamp), to_eye)
+    to_lamp = [np.broadcast_to(to, (len(rows), 3)) for to, _ in lit]
+    errors = [np.sqrt(shot.variance[rows, columns].astype(np.float64).sum(axis=1)) / lamp_light(shot) for shot in shots]
+    seen = shows(np.stack([_grey(shot, rows, columns) for shot in shots]), np.stack(errors))
+    to_eye = -shots[0].camera.unproject(np.stack([columns, rows], axis=1) + 0.5)
+    return exponent_of(np.stack(values)[:, seen], np.stack(to_lamp)[:, seen], to_eye[seen])
+
+
+def shows(values: NDArray[np.floating], errors: NDArray[np.floating]) -> NDArray[np.bool_]:
+    """(P,) whether places show something: readings (K, P) under some lamps stand out of their standard errors (K, P).
+
+    What does not is a dark background without a mask.
+    """
+    with np.errstate(invalid="ignore"):
+        return np.asarray((values > LEAST_SIGNAL * errors).sum(axis=0) >= SHOWN_BY, np.bool_)
 
 
 def why_not_tested(capture: Capture) -> str:
@@ -78,12 +87,37 @@ def unfit(capture: Capture) -> str:
         for shot in shots
     ):
         return "photographs of several views"
-    if capture.points is None and any(shot.lamps[0].to_lamp is None for shot in shots):
-        return "near lamps, and no points of the surface"
+    if capture.points is None and near(capture) and not _plane_is_known(first):
+        return "near lamps, and neither points of the surface nor its distance"
     return ""
 
 
-def _towards(shot: Photograph, points: NDArray[np.float64] | None) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def near(capture: Capture) -> bool:
+    """Whether the light of a lamp differs over the object by where the lamp stands."""
+    return any(shot.lamps[0].to_lamp is None for shot in capture.photographs)
+
+
+def _plane_is_known(shot: Photograph) -> bool:
+    return not shot.camera.orthographic and bool(np.linalg.norm(shot.camera.position) > 0.0)
+
+
+def points_at(capture: Capture, pixels: NDArray[np.floating]) -> NDArray[np.float64]:
+    """(P, 3) [m] world: what the capture shows at `pixels` (P, 2) (x, y), NaN where that is not known.
+
+    Without points of its surface those of the plane across the view through the world's origin, where an object stands
+    whose distance nobody stated.
+    """
+    camera = capture.photographs[0].camera
+    if capture.points is not None:
+        columns, rows = np.floor(pixels).astype(int).T
+        found = np.asarray(capture.points[rows, columns], np.float64)
+        return np.where(np.linalg.norm(found, axis=1, keepdims=True) > 0.0, found, np.nan)
+    ray = camera.unproject(pixels)
+    away = np.linalg.norm(camera.position) / (ray @ camera.camera_to_world[:3, 2])
+    return np.asarray(camera.position + ray * away[:, None], np.float64)
+
+
+def towards(shot: Photograph, points: NDArray[np.float64] | None) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Unit vectors to the lamp (3,) or (P, 3), and what its light falls off by, () or (P,)."""
     lamp = shot.lamps[0]
     if lamp.to_lamp is not None:

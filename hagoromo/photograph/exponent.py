@@ -7,6 +7,7 @@ near 0.45 where light was decoded once too often.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -33,11 +34,14 @@ GLOSS_TURNS = 6  # of the gloss and the normals in turn
 EVIDENT = 0.8  # misfit with gloss over that without, from which it is taken out
 PIXEL_GROUPS, LAMP_GROUPS = 8, 6  # that are left out, one after the other, for the error of the exponent (jackknife)
 LEAST_ERROR = 0.01  # of ln p: matte balls in 8 bits under exact lamps come out 0.98 to 1.02
+# Of ln p, by gloss, shadows and light between parts that Lambert's law does not explain: of MISFIT or more (mean of
+# Huber's loss, in errors of the model), in proportion to its root below.
+UNEXPLAINED, MISFIT = 0.12, 0.1
 SIGNIFICANT = 2.0  # standard errors from 1
 ROUGH = 0.87  # least exponent of linear values of rough and porous matter, which darkens late
-# Limits of the exponent of linear values. Below: that of rough matter, and lamps that are off. Above:
-# half of the way to 2.2. With lamps that are 1° to 8° off, twelve real sets have 0.92 to 1.31.
-LOWEST, HIGHEST = 0.8, 2.2**0.5
+# Limits of the exponent of linear values: half of the way to those of values that are coded, or decoded once too often.
+# With lamps that are 1° to 8° off, twelve real sets have 0.92 to 1.31.
+LOWEST, HIGHEST = 2.2**-0.5, 2.2**0.5
 Finding = Literal["linear", "uncertain", "doubtful", "bent"]
 
 
@@ -166,7 +170,9 @@ def _by_profile(scaled: Array, usable: NDArray[np.bool_], to_lamp: Array) -> Exp
         kept = usable & (np.arange(len(scaled)) % LAMP_GROUPS != k)[:, None]
         still = kept.sum(axis=0) >= FEWEST_AT_A_PIXEL - 1
         by_lamps.append(_least(_profile(scaled[:, still], kept[:, still], to_lamp[:, still]).sum(axis=1)))
-    parts = _jackknife(by_pixels), _jackknife(by_lamps), LEAST_ERROR
+    left = float(total.min()) / max(int(usable.sum()), 1)
+    unexplained = UNEXPLAINED * min(math.sqrt(left / MISFIT), 1.0)
+    parts = _jackknife(by_pixels), _jackknife(by_lamps), unexplained, LEAST_ERROR
     return Exponent(float(np.exp(_least(total))), float(np.linalg.norm(parts)))
 
 

@@ -1,7 +1,9 @@
 """Mistakes in taking photographs are named by the photographs themselves, and right ones are not doubted."""
 
+import tempfile
 from dataclasses import replace
 from itertools import product
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +16,7 @@ from hagoromo.measurement.health.health import NAMES, Health
 from hagoromo.measurement.health.lamps import FittedLamps
 from hagoromo.photograph.capture import load_capture
 from studies.closely import scene
+from studies.random_captures import direction, encoded, random_scene, strength, swapped, without_shape
 from tests.data import DATA, real_data
 from tests.inverse import simulated_relief
 from tests.inverse.simulated_relief import SimulatedRelief, dome, relief_camera, relief_capture
@@ -33,6 +36,8 @@ MISTAKES = {  # what is done; the check that finds it, and what it says
     "mask too small": (lambda capture: masked(capture, -5), "mask", "outside of its edge: it is too small"),
 }
 QUICK = ("two exchanged", "strengths")
+BALL = 103  # seed of a capture of one glossy ball
+LATER = (direction, strength, encoded)
 
 
 def named(capture):
@@ -193,3 +198,35 @@ def test_mistakes_are_named_in_real_photographs(name):
     for mistake, (change, check, said) in MISTAKES.items():
         found = examine(change(capture)).health[check]
         assert found.state == "doubtful" and said.format(name) in found.said, (mistake, found)
+
+
+def near_ball():
+    """A glossy ball under 20 lamps some 0.9 m away, beside which the picture is dark; its shape is not given."""
+    with tempfile.TemporaryDirectory() as home:
+        scene = Path(home) / "scene.toml"
+        scene.write_text(random_scene(BALL), encoding="utf-8")
+        return without_shape(hg.simulate(scene))
+
+
+@pytest.fixture(scope="module")
+def ball():
+    return near_ball()
+
+
+def test_a_right_capture_under_near_lamps_is_not_doubted(ball):
+    found = examine(ball).health
+    assert found.doubtful == ()
+    assert all(found[name].state == "good" for name in ("order", "lamps", "strengths"))
+
+
+@pytest.mark.parametrize("mistake", [swapped, *(pytest.param(one, marks=pytest.mark.nightly) for one in LATER)])
+def test_mistakes_under_near_lamps_are_named(ball, mistake):
+    checks = {"swapped": "order", "direction": "lamps", "strength": "strengths", "encoded": "transfer"}
+    found = examine(mistake(ball, np.random.default_rng(1))).health
+    assert checks[mistake.__name__] in [one.name for one in found.doubtful]
+
+
+def test_near_lamps_need_a_place_for_the_object(ball):
+    here = tuple(replace(shot, camera=shot.camera.with_pose(np.eye(4))) for shot in ball.photographs)
+    found = examine(replace(ball, photographs=here)).health["lamps"]
+    assert found.state == "not testable" and "near lamps, and neither points" in found.said

@@ -75,7 +75,7 @@ def _strengths(few: ShadingSample, power: float) -> FittedLamps:
     for _ in range(TURNS):
         even = replace(few, values=few.values / np.exp(log_strength)[:, None])
         _, g = even.fit()
-        length = np.linalg.norm([_lamp(v, u, g) for v, u in zip(even.values, even.usable, strict=True)], axis=1)
+        length = np.linalg.norm([_lamp(even, k, g) for k in range(len(few.values))], axis=1)
         step = np.where(few.usable.sum(axis=1) < FEWEST_READINGS, 0.0, np.log(np.maximum(length, 1e-3)))
         step -= np.median(step)
         log_strength = log_strength + 1.5 * step
@@ -84,7 +84,7 @@ def _strengths(few: ShadingSample, power: float) -> FittedLamps:
     log_strength = (log_strength - log_strength.mean()) / power
     even = replace(few, values=few.values / np.exp(power * log_strength)[:, None])
     misfits = tuple(loss(one.fit()[0] / power, one.usable) for one in (even, few))
-    return FittedLamps(np.exp(log_strength), few.to_lamp, (misfits[0], misfits[1]), power)
+    return FittedLamps(np.exp(log_strength), few.direction, (misfits[0], misfits[1]), power)
 
 
 def _directions(shading: ShadingSample) -> Array:
@@ -96,17 +96,20 @@ def _directions(shading: ShadingSample) -> Array:
             others = shading.usable.copy()
             others[k] = False
             _, g = replace(shading, usable=others).fit()
-        found.append(_lamp(shading.values[k], shading.usable[k], g))
+        found.append(_lamp(shading, k, g))
     few = shading.usable.sum(axis=1, keepdims=True) < FEWEST_READINGS
-    lamps = np.where(few, shading.to_lamp, np.array(found))
+    lamps = np.where(few, shading.direction, np.array(found))
     return lamps / np.maximum(np.linalg.norm(lamps, axis=1, keepdims=True), 1e-300)
 
 
-def _lamp(values: Array, usable: Array, g: Array) -> Array:
-    """(3,) the lamp with which `g` (P, 3) gives `values` (P,), robust against highlights and cast shadows."""
-    size = np.linalg.norm(g, axis=1)
+def _lamp(shading: ShadingSample, number: int, g: Array) -> Array:
+    """(3,) the lamp, from the middle of the object, with which `g` (P, 3) gives the values of the photograph `number`,
+    robust against highlights and cast shadows. What its direction differs by from place to place is as stated.
+    """
+    values, size = shading.values[number], np.linalg.norm(g, axis=1)
     error = np.hypot(RELATIVE * values, FLOOR * size)
-    weight = np.where(usable & (size > 0.0), 1.0 / np.maximum(error, 1e-300), 0.0)
+    weight = np.where(shading.usable[number] & (size > 0.0), 1.0 / np.maximum(error, 1e-300), 0.0)
+    values = values - np.sum(g * (shading.to_lamp[number] - shading.direction[number]), axis=1)
     robust, lamp = np.ones_like(weight), np.zeros(3)
     for _ in range(ROUNDS):
         w = weight * robust
@@ -135,12 +138,12 @@ def strengths_check(shading: ShadingSample, found: FittedLamps) -> Check:
 def lamps_check(shading: ShadingSample, found: FittedLamps, to_world: Array) -> Check:
     """Whether the direction of a lamp contradicts the others. to_world: (3, 3)."""
     few, direction, wrong = found.even(shading.few()), found.direction, []
-    usual = float(np.median(_apart(direction, few.to_lamp)))
+    usual = float(np.median(_apart(direction, few.direction)))
     while len(wrong) < MOST_OFF:
         k, moved = _worst(few, direction)
         if k is None:
             break
-        wrong.append((k, direction[k], float(_apart(direction, few.to_lamp)[k])))
+        wrong.append((k, direction[k], float(_apart(direction, few.direction)[k])))
         few, direction = moved, _directions(moved)
     if not wrong:
         return good("lamps", f"directions agree with the shading to {usual:.1f}° (median)")
@@ -155,13 +158,11 @@ def _worst(few: ShadingSample, direction: Array) -> tuple[int | None, ShadingSam
     """The lamp that is off and whose photograph gains most by its own direction, or None; and with it moved."""
     residual, _ = few.fit()
     best, least, kept = None, OWN_MISFIT, few
-    for k in np.flatnonzero(_apart(direction, few.to_lamp) > OFF_DEG).tolist():
-        lamps = few.to_lamp.copy()
-        lamps[k] = direction[k]
-        own = few.usable[k]
-        after = loss(few.fit(lamps)[0][k], own) / max(loss(residual[k], own), 1e-9)
+    for k in np.flatnonzero(_apart(direction, few.direction) > OFF_DEG).tolist():
+        moved, own = few.turned(k, direction[k]), few.usable[k]
+        after = loss(moved.fit()[0][k], own) / max(loss(residual[k], own), 1e-9)
         if after < least:
-            best, least, kept = k, after, replace(few, to_lamp=lamps)
+            best, least, kept = k, after, moved
     return best, kept
 
 

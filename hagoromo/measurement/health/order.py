@@ -23,6 +23,7 @@ STEEPEST = 0.3  # cosine of the view, below which slopes are too uncertain
 SHAPELIER = 0.35  # by which curl and outline must be better
 NO_WORSE = 0.1
 SAME = 0.01  # relative difference of two photographs that are one
+DIFFERS = 3.0  # times SAME: what two lamps must make of the object's own shape, which may look alike under both
 APART_DEG = 4.0  # between lamps, whose light then differs by more
 MISTAKE = "give the photographs in the order of the lamps"
 
@@ -61,15 +62,14 @@ def _better(shading: ShadingSample) -> tuple[int, Arrangement | None, float]:
     residual, _ = few.fit()
     stated = few.misfit()
     worst = np.argsort(-(residual * few.usable).sum(axis=1) / np.maximum(few.usable.sum(axis=1), 1))
-    own = _shape_fault(shading, shading.to_lamp)
+    own = _shape_fault(shading)
     best, least, lowest = None, np.inf, np.inf
     tried = _arrangements(shading.names, worst[:MOST_LOOKED_AT])
     for one in tried:
-        lamps = shading.to_lamp[one.order]
-        misfit = few.misfit(lamps)
+        misfit = few.arranged(one.order).misfit()
         if misfit > ALIKE * stated:
             continue
-        fault = _shape_fault(shading, lamps)
+        fault = _shape_fault(shading.arranged(one.order))
         better = misfit < BETTER * stated and fault < own + NO_WORSE
         shapelier = fault < own - SHAPELIER
         if (better or shapelier) and misfit / stated + fault < least:
@@ -92,9 +92,9 @@ def _arrangements(names: tuple[str, ...], worst: Array) -> list[Arrangement]:
     return found
 
 
-def _shape_fault(shading: ShadingSample, to_lamp: Array) -> float:
+def _shape_fault(shading: ShadingSample) -> float:
     """Curl of the slopes over their size, and how far normals at the outline are from facing outward; 0 … 2."""
-    _, g = shading.fit(to_lamp)
+    _, g = shading.fit()
     normals = g / np.maximum(np.linalg.norm(g, axis=1, keepdims=True), 1e-300)
     slopes = np.full((*shading.shape, 2), np.nan)
     steep = -normals[:, 2] < STEEPEST
@@ -114,12 +114,18 @@ def _shape_fault(shading: ShadingSample, to_lamp: Array) -> float:
 
 
 def _same(shading: ShadingSample) -> tuple[str, str] | None:
-    """Two photographs that are alike though their lamps are not."""
-    light = np.where(shading.usable.all(axis=0), shading.values, 0.0)
-    if np.count_nonzero(light[0]) < 20:
-        light = np.where(shading.usable, shading.values, 0.0)
-    unit = light / np.maximum(np.linalg.norm(light, axis=1, keepdims=True), 1e-300)
-    difference = np.sqrt(np.maximum(2.0 - 2.0 * unit @ unit.T, 0.0))
-    apart = shading.to_lamp @ shading.to_lamp.T < np.cos(np.radians(APART_DEG))
-    alike = np.argwhere(np.triu(apart & (difference < SAME), 1))
+    """Two photographs that are alike though their lamps are not, and should differ: by the fit to all photographs."""
+    seen = shading.usable.all(axis=0)
+    seen = seen if np.count_nonzero(seen) >= 20 else shading.usable
+    _, g = shading.fit()
+    expected = np.maximum(np.einsum("kpi,pi->kp", shading.to_lamp, g), 0.0)
+    apart = shading.direction @ shading.direction.T < np.cos(np.radians(APART_DEG))
+    apart &= _differences(np.where(seen, expected, 0.0)) > DIFFERS * SAME
+    alike = np.argwhere(np.triu(apart & (_differences(np.where(seen, shading.values, 0.0)) < SAME), 1))
     return None if not len(alike) else (shading.names[alike[0][0]], shading.names[alike[0][1]])
+
+
+def _differences(light: Array) -> Array:
+    """(K, K) of pictures (K, P), each over its own size."""
+    unit = light / np.maximum(np.linalg.norm(light, axis=1, keepdims=True), 1e-300)
+    return np.sqrt(np.maximum(2.0 - 2.0 * unit @ unit.T, 0.0))

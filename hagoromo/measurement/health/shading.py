@@ -1,4 +1,4 @@
-"""Shading: a small sample of the photographs of an object under far lamps, and how well Lambert's law explains it.
+"""Shading: a small sample of the photographs of an object, one lamp each, and how well Lambert's law explains it.
 
 Photographs are binned to some hundred or thousand squares of pixels. The fit is that of `photograph.exponent`: robust
 against highlights and cast shadows. A wide gloss that all places have in common can be taken out before.
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.measurement.photograph_checks import lamp_light, unfit
+from hagoromo.measurement.photograph_checks import lamp_light, near, points_at, shows, towards, unfit
 from hagoromo.measurement.surface.tile_store import means
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.exponent import DARK, lambert_fit, loss, without_gloss
@@ -27,15 +27,17 @@ Array = NDArray[Any]
 
 @dataclass(frozen=True, eq=False)
 class ShadingSample:
-    """K photographs of P squares. values: (K, P) light over the lamp's, where usable (K, P). to_lamp: (K, 3) unit.
-    row, column: (P,) of the squares, of a picture `shape` of squares of `side` px; outline: (P, 2) unit, away from the
-    object in the picture (x, y), 0 where the square is not at its outline. to_eye: (P, 3) unit.
+    """K photographs of P squares. values: (K, P) light over the lamp's, where usable (K, P). to_lamp: (K, P, 3) unit;
+    light: (K, P) of the lamp there. row, column: (P,) of the squares, of a picture `shape` of squares of `side` px;
+    outline: (P, 2) unit, away from the object in the picture (x, y), 0 where the square is not at its outline. to_eye:
+    (P, 3) unit.
     """
 
     names: tuple[str, ...]
     values: Array
     usable: NDArray[np.bool_]
     to_lamp: Array
+    light: Array
     row: Array
     column: Array
     shape: tuple[int, int]
@@ -48,16 +50,34 @@ class ShadingSample:
         step = max(-(-self.values.size // MOST_FITTED), 1)
         part = np.s_[::step]
         return replace(
-            self, values=self.values[:, part], usable=self.usable[:, part], row=self.row[part],
-            column=self.column[part], outline=self.outline[part], to_eye=self.to_eye[part],
+            self, values=self.values[:, part], usable=self.usable[:, part], to_lamp=self.to_lamp[:, part],
+            light=self.light[:, part], row=self.row[part], column=self.column[part], outline=self.outline[part],
+            to_eye=self.to_eye[part],
         )  # fmt: skip
 
-    def fit(self, to_lamp: Array | None = None) -> tuple[Array, Array]:
-        """Residuals (K, P) in errors of the model, and normal times albedo (P, 3), under lamps (default: as stated)."""
-        towards = self.to_lamp if to_lamp is None else to_lamp
+    @property
+    def direction(self) -> Array:
+        """(K, 3) unit: to the lamps, the mean over the object."""
+        mean = self.to_lamp.mean(axis=1)
+        return mean / np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-300)
+
+    def arranged(self, order: NDArray[np.integer]) -> ShadingSample:
+        """The sample as if each photograph had been taken under the lamp that `order` (K,) gives it."""
+        values = self.values * self.light / self.light[order]
+        return replace(self, values=values, to_lamp=self.to_lamp[order], light=self.light[order])
+
+    def turned(self, lamp: int, direction: Array) -> ShadingSample:
+        """The sample with one lamp moved so that it is in `direction` (3,) from the middle of the object."""
+        to_lamp = self.to_lamp.copy()
+        moved = to_lamp[lamp] + (direction - self.direction[lamp])
+        to_lamp[lamp] = moved / np.linalg.norm(moved, axis=1, keepdims=True)
+        return replace(self, to_lamp=to_lamp)
+
+    def fit(self) -> tuple[Array, Array]:
+        """Residuals (K, P) in errors of the model, and normal times albedo (P, 3), under the lamps."""
         largest = np.maximum(np.where(self.usable, self.values, 0.0).max(axis=0), 1e-300)
         scaled = np.where(self.usable, self.values / largest, 1.0)
-        residual, g = lambert_fit(scaled, self.usable, np.broadcast_to(towards[:, None], (*scaled.shape, 3)))
+        residual, g = lambert_fit(scaled, self.usable, self.to_lamp)
         return residual, g * largest[:, None]
 
     @property
@@ -76,21 +96,20 @@ class ShadingSample:
 
     def without_gloss(self) -> ShadingSample:
         """The sample less the light of a gloss that is the same everywhere; itself where the photographs show none."""
-        towards = np.broadcast_to(self.to_lamp[:, None], (*self.values.shape, 3))
-        matte = without_gloss(self.values, self.usable, towards, self.to_eye)
+        matte = without_gloss(self.values, self.usable, self.to_lamp, self.to_eye)
         return self if matte is None else replace(self, values=matte[0], usable=matte[1])
 
-    def misfit(self, to_lamp: Array | None = None) -> float:
+    def misfit(self) -> float:
         """Mean of Huber's loss of the residuals."""
-        return loss(self.fit(to_lamp)[0], self.usable)
+        return loss(self.fit()[0], self.usable)
 
 
 def shading_of(capture: Capture) -> ShadingSample | str:
     """The sample of `capture`; in words why there is none."""
     shots = capture.photographs
     why = unfit(capture)
-    if why or any(shot.lamps[0].to_lamp is None for shot in shots):
-        return why or "near lamps, whose directions differ from place to place"
+    if why:
+        return why
     masks = np.stack([shot.mask for shot in shots])
     object_mask = masks.sum(axis=0) >= 0.5 * len(shots)
     side = max(int(np.ceil(np.sqrt(object_mask.sum() / MOST_SQUARES))), 1)
@@ -98,27 +117,35 @@ def shading_of(capture: Capture) -> ShadingSample | str:
     inside = share > 0.5
     if inside.sum() < FEWEST_SQUARES:
         return f"the object has {int(object_mask.sum())} pixels only"
-    values, usable = [], []
+    row, column = np.nonzero(inside)
+    camera = shots[0].camera
+    middles = np.stack([column, row], axis=1) * side + 0.5 * side
+    points = points_at(capture, middles) if near(capture) else None
+    values, errors, usable, directions, lights = [], [], [], [], []
     for shot, mask in zip(shots, masks, strict=True):
-        grey = shot.values.astype(np.float64).sum(axis=2) / lamp_light(shot)
+        grey = shot.values.astype(np.float64).sum(axis=2)
         weight = means(mask & np.isfinite(grey), side)[..., 0]
         total = means(np.where(mask & np.isfinite(grey), grey, 0.0), side)[..., 0]
+        direction, falloff = towards(shot, points)
+        lights.append(np.broadcast_to(lamp_light(shot) * falloff, len(row)))
+        directions.append(np.broadcast_to(direction, (len(row), 3)))
+        noise = means(np.where(mask & np.isfinite(grey), shot.variance.astype(np.float64).sum(axis=2), 0.0), side)
         values.append((total / np.maximum(weight, 1e-9))[inside])
+        errors.append((np.sqrt(noise[..., 0]) / (side * np.maximum(weight, 1e-9)))[inside])
         usable.append((weight > 0.9 * np.maximum(share, 1e-9))[inside])
-    light, known = np.stack(values), np.stack(usable)
+    to_lamp, lit = np.stack(directions), np.stack(lights)
+    placed = np.isfinite(to_lamp).all(axis=(0, 2))
+    light, known = np.stack(values) / np.where(placed, lit, 1.0), np.stack(usable) & placed
+    known &= shows(np.stack(values), np.stack(errors))
     known &= light > DARK * np.where(known, light, 0.0).max(axis=0)
     enough = known.sum(axis=0) >= LEAST_READINGS
     if enough.sum() < FEWEST_SQUARES:
         return f"fewer than {FEWEST_SQUARES} places are lit by {LEAST_READINGS} lamps"
-    row, column = np.nonzero(inside)
-    camera = shots[0].camera
     to_camera = camera.world_to_camera[:3, :3]
-    middles = np.stack([column[enough], row[enough]], axis=1) * side + 0.5 * side
-    to_eye = -camera.unproject(middles) @ to_camera.T
-    towards = np.array([shot.lamps[0].to_lamp for shot in shots], np.float64) @ to_camera.T
+    to_eye = -camera.unproject(middles[enough]) @ to_camera.T
     return ShadingSample(
-        tuple(shot.name for shot in shots), light[:, enough], known[:, enough], towards, row[enough], column[enough],
-        inside.shape, side, _outline(inside)[row, column][enough], to_eye,
+        tuple(shot.name for shot in shots), light[:, enough], known[:, enough], to_lamp[:, enough] @ to_camera.T,
+        lit[:, enough], row[enough], column[enough], inside.shape, side, _outline(inside)[row, column][enough], to_eye,
     )  # fmt: skip
 
 
