@@ -30,6 +30,7 @@ from hagoromo.photograph.exponent import Exponent, exponent_of
 FAULTS = ("did not converge", "doubtful")  # words in what a capture says of its calibrations
 CALIBRATED = ("camera", "lamps", "rig", "response")
 FLAT = np.radians(15.0)  # of normals from their mean (rms): below, strengths explain any transfer to some 3 %
+PLANE = np.radians(8.0)  # of most normals from the usual one: below, nearly all that is seen is one plane
 LEAST_TAKEN = 0.2  # standard deviation of ln strength, from which strengths nobody stated are fitted
 CURVE = "the transfer is to be mended first"
 CONFOUNDED = (
@@ -115,7 +116,7 @@ def _lit(shading: ShadingSample, capture: Capture) -> JudgedLamps:
     if not linear.uneven and stated is not None and stated.finding == "linear":
         return JudgedLamps(shading, linear, stated)
     few = shading.few()
-    flat = few.relief < FLAT
+    flat = few.relief < FLAT or few.usual_relief < PLANE
     matte, bent = few.without_gloss(), fitted_lamps(shading, POWERS)
     if bent.power != 1.0 and min(bent.misfit) < CLEARLY * min(few.misfit(), matte.misfit()):
         if bent.uneven and flat:

@@ -7,6 +7,7 @@ Axes: the camera's (OpenCV), x right, y down, z away from it.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -88,11 +89,19 @@ class ShadingSample:
     @property
     def relief(self) -> float:
         """How far normals are from their mean [rad], root mean square."""
+        return float(np.sqrt(np.mean(self._tilts(np.mean) ** 2)))
+
+    @property
+    def usual_relief(self) -> float:
+        """How far most normals are from the most usual one [rad]: medians. Near 0 of an object before a wall."""
+        return float(np.median(self._tilts(np.median)))
+
+    def _tilts(self, middle: Callable[..., Array]) -> Array:
+        """(P,) angles [rad] of the normals to their `middle`."""
         _, g = self.fit()
         normals = g / np.maximum(np.linalg.norm(g, axis=1, keepdims=True), 1e-300)
-        mean = normals.mean(axis=0)
-        cosine = normals @ (mean / max(float(np.linalg.norm(mean)), 1e-300))
-        return float(np.sqrt(np.mean(np.arccos(np.clip(cosine, -1.0, 1.0)) ** 2)))
+        mean = middle(normals, axis=0)
+        return np.arccos(np.clip(normals @ (mean / max(float(np.linalg.norm(mean)), 1e-300)), -1.0, 1.0))
 
     def without_gloss(self) -> ShadingSample:
         """The sample less the light of a gloss that is the same everywhere; itself where the photographs show none."""
