@@ -202,6 +202,12 @@ STUDIES: dict[str, Study] = {
         ),
         _page("full_error"),
     ),
+    "random-scenes": Study(
+        "scenes that nobody chose by march and full, beside path and what full states: docs/random_scenes.md",
+        "half an hour",
+        (_module("random_scenes", "--out", "out/random_scenes"),),
+        _page("random_scenes"),
+    ),
     "cluster": Study(
         "workers on this machine, one of them killed, and a simulation of many: docs/cluster.md",
         "minutes",
