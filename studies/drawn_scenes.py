@@ -104,14 +104,14 @@ def block(draw: Draw, side: int) -> Matter:
 def ball(draw: Draw, side: int) -> Matter:
     """A hard ball."""
     x, y, z = places(side)
-    return Matter((x**2 + y**2 + z**2 < 0.9) * 1.0)
+    return Matter((x**2 + y**2 + z**2 < 0.9).astype(float))
 
 
 def shell(draw: Draw, side: int) -> Matter:
     """A hollow ball."""
     x, y, z = places(side)
     radius = np.sqrt(x**2 + y**2 + z**2)
-    return Matter(((radius < 0.95) & (radius > 0.7)) * 1.0)
+    return Matter(((radius < 0.95) & (radius > 0.7)).astype(float))
 
 
 def soft_ball(draw: Draw, side: int) -> Matter:
@@ -129,12 +129,12 @@ def gradient(draw: Draw, side: int) -> Matter:
 
 def grains(draw: Draw, side: int) -> Matter:
     """Single voxels."""
-    return Matter((draw.random((side,) * 3) < 0.3) * 1.0)
+    return Matter((draw.random((side,) * 3) < 0.3).astype(float))
 
 
 def clumps(draw: Draw, side: int) -> Matter:
     """Lumps with hard faces and hollows between them."""
-    return Matter((noise(draw, side, draw.uniform(1.0, 3.0)) > 0.3) * 1.0)
+    return Matter((noise(draw, side, draw.uniform(1.0, 3.0)) > 0.3).astype(float))
 
 
 def cloud(draw: Draw, side: int) -> Matter:
@@ -146,13 +146,13 @@ def cloud(draw: Draw, side: int) -> Matter:
 def sheet(draw: Draw, side: int) -> Matter:
     """A thin layer."""
     _, _, z = places(side)
-    return Matter((np.abs(z) < 3.0 / side) * 1.0)
+    return Matter((np.abs(z) < 3.0 / side).astype(float))
 
 
 def fibres(draw: Draw, side: int) -> Matter:
     """Voxels of fibres along one direction."""
     axis = np.broadcast_to(unit(draw), (side, side, side, 3))
-    return Matter((draw.random((side,) * 3) < 0.3) * 1.0, axis, fibres=True)
+    return Matter((draw.random((side,) * 3) < 0.3).astype(float), axis, fibres=True)
 
 
 def cloth(draw: Draw, side: int) -> Matter:
@@ -251,8 +251,10 @@ def drawn_surfaces(draw: Draw, reach: float) -> tuple[tuple[hg.Surface, ...], st
     if way == 0:
         return (hg.Surface.floor(-0.8 * reach, 2.0 * reach, matter),), "floor"
     if way == 1:
-        return (hg.Surface.sphere(unit(draw) * 1.1 * reach, 0.4 * reach, matter, name="ball"),), "ball beside"
-    return (hg.Surface.sphere(unit(draw) * 0.2 * reach, 0.3 * reach, matter, name="ball"),), "ball within"
+        return (
+            hg.Surface.sphere((unit(draw) * 1.1 * reach).tolist(), 0.4 * reach, matter, name="ball"),
+        ), "ball beside"
+    return (hg.Surface.sphere((unit(draw) * 0.2 * reach).tolist(), 0.3 * reach, matter, name="ball"),), "ball within"
 
 
 def drawn_lights(draw: Draw, boxes: list[hg.VolumeBox], reach: float) -> tuple[dict[str, Any], str]:

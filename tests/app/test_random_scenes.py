@@ -28,7 +28,7 @@ def test_what_blocks_are_off_has_no_part_of_the_noise_of_the_truth():
     for _ in range(40):
         own = 0.02 * random.standard_normal(shape)
         truths = 1.0 + 0.06 * random.standard_normal((2, *shape))
-        picture, truths = (np.kron(values, np.ones((8, 8))) for values in (1.0 + own, truths))
+        picture, truths = (np.kron(values, np.ones((8, 8))).astype(np.float64) for values in (1.0 + own, truths))
         found = off(picture, truths, np.ones(shape, bool), 1.0)
         squares.append(np.copysign(found["blocks"] ** 2, found["blocks"]))
         errors.append(found["square_noise"])
