@@ -31,7 +31,6 @@ MANY_RAYS = 16  # of march
 LEAST_WALKS = 32  # a pixel, of each picture of the truth
 NOISE = 0.06  # of Y of a pixel of each
 LONGEST = 60.0  # of each [s]
-ERROR = 0.02  # that mode full is asked for
 DARK = 1e-4  # mean Y below which a scene shows nothing: matter is lit by 0.3 and more
 ROUNDING = 1e-6  # of the largest weight, below 0
 TOLERANCE = hg.Settings().tolerance  # of march
@@ -118,7 +117,7 @@ def row(number: int, pixels: int, home: Path) -> dict[str, Any]:
     found: dict[str, Any] = {"number": number, "words": drawn.words, "seconds": timed.seconds, "warned": timed.warned}
     try:
         march = timed.picture("march", "march", hg.Settings(MANY_RAYS))
-        full = timed.picture("full", "full", hg.Settings(RAYS, error=ERROR))
+        full = timed.picture("full", "full", hg.Settings(RAYS))
     except hg.InputError as error:
         return found | {"refused": str(error)}
     found["wrong"] = wrong_values({"march": march, "full": full})
@@ -182,7 +181,7 @@ def write_page(out: Path) -> None:
         "summary": {name: summary([row[name] for row in rows]) for name in ("march", "full")},
     }
     page = hg.page_text("random_scenes.md.j2", "studies", **record | {"rows": rows} | figures, walks=LEAST_WALKS,
-                        rays=RAYS, many=MANY_RAYS, error=ERROR, noise=NOISE)  # fmt: skip
+                        rays=RAYS, many=MANY_RAYS, noise=NOISE)  # fmt: skip
     with hg.whole_file(out / "random_scenes.md", force=True) as path:
         path.write_text(page, encoding="utf-8", newline="\n")
     print(f"wrote {out}")

@@ -195,7 +195,7 @@ STUDIES: dict[str, Study] = {
     ),
     "full-error": Study(
         "what mode full is off, what it says of that, and its mend by walks: docs/full_error.md",
-        "ten minutes",
+        "an hour",
         (
             _module("full_error", RECIPES, "--out", "out/full_error"),
             _module("few_walks", RECIPES, "--out", "out/full_error"),
