@@ -36,7 +36,7 @@ class DrawnScene(NamedTuple):
     words: str
 
 
-class Matter(NamedTuple):
+class DrawnMatter(NamedTuple):
     """Density (z, y, x), 0…1, and axes (z, y, x, 3) where matter has its own; fibres: whether these are tangents."""
 
     density: Array
@@ -96,66 +96,66 @@ def noise(draw: Draw, side: int, width: float) -> Array:
     return np.asarray(found / found.std())
 
 
-def block(draw: Draw, side: int) -> Matter:
+def block(draw: Draw, side: int) -> DrawnMatter:
     """The whole cube."""
-    return Matter(np.ones((side,) * 3))
+    return DrawnMatter(np.ones((side,) * 3))
 
 
-def ball(draw: Draw, side: int) -> Matter:
+def ball(draw: Draw, side: int) -> DrawnMatter:
     """A hard ball."""
     x, y, z = places(side)
-    return Matter((x**2 + y**2 + z**2 < 0.9).astype(float))
+    return DrawnMatter((x**2 + y**2 + z**2 < 0.9).astype(float))
 
 
-def shell(draw: Draw, side: int) -> Matter:
+def shell(draw: Draw, side: int) -> DrawnMatter:
     """A hollow ball."""
     x, y, z = places(side)
     radius = np.sqrt(x**2 + y**2 + z**2)
-    return Matter(((radius < 0.95) & (radius > 0.7)).astype(float))
+    return DrawnMatter(((radius < 0.95) & (radius > 0.7)).astype(float))
 
 
-def soft_ball(draw: Draw, side: int) -> Matter:
+def soft_ball(draw: Draw, side: int) -> DrawnMatter:
     """A ball that fades outwards."""
     x, y, z = places(side)
     density = np.exp(-4.0 * (x**2 + y**2 + z**2))
-    return Matter(np.where(density > 0.02, density, 0.0))
+    return DrawnMatter(np.where(density > 0.02, density, 0.0))
 
 
-def gradient(draw: Draw, side: int) -> Matter:
+def gradient(draw: Draw, side: int) -> DrawnMatter:
     """A cube whose density rises a hundredfold from side to side."""
     along = np.einsum("c,czyx->zyx", unit(draw), np.stack(places(side)))
-    return Matter(0.01 ** (0.5 - 0.5 * along / np.abs(along).max()))
+    return DrawnMatter(0.01 ** (0.5 - 0.5 * along / np.abs(along).max()))
 
 
-def grains(draw: Draw, side: int) -> Matter:
+def grains(draw: Draw, side: int) -> DrawnMatter:
     """Single voxels."""
-    return Matter((draw.random((side,) * 3) < 0.3).astype(float))
+    return DrawnMatter((draw.random((side,) * 3) < 0.3).astype(float))
 
 
-def clumps(draw: Draw, side: int) -> Matter:
+def clumps(draw: Draw, side: int) -> DrawnMatter:
     """Lumps with hard faces and hollows between them."""
-    return Matter((noise(draw, side, draw.uniform(1.0, 3.0)) > 0.3).astype(float))
+    return DrawnMatter((noise(draw, side, draw.uniform(1.0, 3.0)) > 0.3).astype(float))
 
 
-def cloud(draw: Draw, side: int) -> Matter:
+def cloud(draw: Draw, side: int) -> DrawnMatter:
     """Density that differs smoothly, and vanishes in places."""
     found = np.maximum(noise(draw, side, draw.uniform(1.0, 4.0)) + 0.3, 0.0)
-    return Matter(found / found.max())
+    return DrawnMatter(found / found.max())
 
 
-def sheet(draw: Draw, side: int) -> Matter:
+def sheet(draw: Draw, side: int) -> DrawnMatter:
     """A thin layer."""
     _, _, z = places(side)
-    return Matter((np.abs(z) < 3.0 / side).astype(float))
+    return DrawnMatter((np.abs(z) < 3.0 / side).astype(float))
 
 
-def fibres(draw: Draw, side: int) -> Matter:
+def fibres(draw: Draw, side: int) -> DrawnMatter:
     """Voxels of fibres along one direction."""
     axis = np.broadcast_to(unit(draw), (side, side, side, 3))
-    return Matter((draw.random((side,) * 3) < 0.3).astype(float), axis, fibres=True)
+    return DrawnMatter((draw.random((side,) * 3) < 0.3).astype(float), axis, fibres=True)
 
 
-def cloth(draw: Draw, side: int) -> Matter:
+def cloth(draw: Draw, side: int) -> DrawnMatter:
     """Two sets of threads, over and under each other."""
     x, y, z = places(side)
     count = draw.integers(2, 4)
@@ -172,10 +172,10 @@ def cloth(draw: Draw, side: int) -> Matter:
             tangent[..., first], tangent[..., 2] = 1.0, slope
             tangent /= np.linalg.norm(tangent, axis=-1, keepdims=True)
             density[inside], axis[inside] = 1.0, tangent[inside]
-    return Matter(density, axis, fibres=True)
+    return DrawnMatter(density, axis, fibres=True)
 
 
-MATTER: tuple[Callable[[Draw, int], Matter], ...] = (
+MATTER: tuple[Callable[[Draw, int], DrawnMatter], ...] = (
     block, ball, shell, soft_ball, gradient, grains, clumps, cloud, sheet, fibres, cloth,
 )  # fmt: skip
 

@@ -44,7 +44,7 @@ def y_of(image: hg.Image, part: str = "") -> Array:
     return (image.part(part) if part else image).xyz()[..., 1].astype(float)
 
 
-class Timed:
+class TimedPictures:
     """Pictures of one scene, the processor seconds that each took, and what was warned of."""
 
     def __init__(self, scene: hg.Scene) -> None:
@@ -94,7 +94,7 @@ class Truth(NamedTuple):
     higher: Array
 
     @classmethod
-    def of(cls, timed: Timed) -> Truth:
+    def of(cls, timed: TimedPictures) -> Truth:
         """Of a scene."""
         images = {
             orders: [
@@ -114,7 +114,7 @@ class Truth(NamedTuple):
 def row(number: int, pixels: int, home: Path) -> dict[str, Any]:
     """Figures of a scene. home: folder where the truth is kept, and taken from if it is there."""
     drawn = drawn_scene(number, pixels)
-    timed = Timed(drawn.scene)
+    timed = TimedPictures(drawn.scene)
     found: dict[str, Any] = {"number": number, "words": drawn.words, "seconds": timed.seconds, "warned": timed.warned}
     try:
         march = timed.picture("march", "march", hg.Settings(MANY_RAYS))
