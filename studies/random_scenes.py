@@ -26,7 +26,7 @@ from studies.drawn_scenes import drawn_scene
 from studies.orders import in_blocks
 
 PIXELS = 48  # a side
-FIRST, SCENES = 100, 40
+FIRST, SCENES = 100, 26
 RAYS = 4  # a pixel, of full
 MANY_RAYS = 16  # of march
 LEAST_WALKS = 32  # a pixel, of each picture of the truth
