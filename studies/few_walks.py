@@ -29,7 +29,7 @@ from studies.gallery.gallery_item import changed
 from studies.gallery.gallery_items import ITEMS
 from studies.gallery.gallery_view import whole_scene
 
-TRUE_WALKS = 64  # a pixel, of the truth
+TRUE_WALKS = 256  # a pixel, of the truth
 DRAWS = 6
 WALKS = 1, 4, 16  # a pixel, of a mend
 PART = 3  # with one walk through each pixel of a block in so many

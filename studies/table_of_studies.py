@@ -200,12 +200,18 @@ STUDIES: dict[str, Study] = {
     ),
     "full-error": Study(
         "what mode full is off, what it says of that, and its mend by walks: docs/full_error.md",
-        "ten minutes",
+        "an hour",
         (
             _module("full_error", RECIPES, "--out", "out/full_error"),
             _module("few_walks", RECIPES, "--out", "out/full_error"),
         ),
         _page("full_error"),
+    ),
+    "random-scenes": Study(
+        "scenes that nobody chose by march and full, beside path and what full states: docs/random_scenes.md",
+        "half an hour",
+        (_module("random_scenes", "--out", "out/random_scenes"),),
+        _page("random_scenes"),
     ),
     "cluster": Study(
         "workers on this machine, one of them killed, and a simulation of many: docs/cluster.md",

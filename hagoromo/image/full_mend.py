@@ -27,7 +27,7 @@ HOLDS = 0.0, 0.1, 0.3, 1.0, 3.0, 10.0, 100.0  # of a step that are tried
 STEP_DOUBT = 4.0  # variances of what a step gains that are taken off it
 MEAN_DOUBT = 2.0  # variances of the mean that are taken off what it is off, squared
 POOLED = 1.5  # blocks by which the noise of walks is smoothed
-FACTORS = 0.1, 10.0  # on light, at least and at most
+FACTORS = 0.0, 10.0  # on light, at least and at most: where there is none, what full has is taken away
 LITTLE = 1e-3  # of the mean light, below which noise is no smaller
 WIDE_SHARE = 0.1  # of all blocks in the noise of each
 TINY = 1e-150  # whose square is above 0
@@ -244,8 +244,10 @@ class Mender:
         return float((pixels * off).sum()), float(np.sqrt(np.sum(pixels**2 * variance)))
 
     def change(self, fit: MendFit) -> Array:
-        """What a fit adds to the means of blocks: (blocks, channels)."""
-        return self.light * fit.own + np.einsum("cbf,fc->bc", self.designs, fit.shares)
+        """What a fit adds to the means of blocks, (blocks, channels), whose factors are kept within FACTORS."""
+        change = self.light * fit.own + np.einsum("cbf,fc->bc", self.designs, fit.shares)
+        least, most = (self.light * (factor - 1.0) for factor in FACTORS)
+        return np.clip(change, least, most)
 
     def factors(self, fit: MendFit) -> Array:
         """Factors on the channels of higher orders of every pixel, (height, width, channels)."""

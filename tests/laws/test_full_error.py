@@ -153,6 +153,16 @@ def test_the_mend_helps_where_full_is_off_and_does_little_where_it_is_right():
     assert np.mean(idle) < np.mean(noise) / 3.0
 
 
+@pytest.mark.parametrize("share", [0.0, 0.03])
+def test_light_that_full_alone_has_is_taken_away_and_what_is_stated_holds(share):
+    """Of the light of full there is none, or 3 %; as between planes that nearly lie alike."""
+    scene = MadeUp(0, 0.0, 0.0)
+    scene.true = share * scene.solved
+    image, error = mended_by(scene, 40000)
+    mean, blocks = scene.off(image)
+    assert hits(mean, error.mended.mean_interval) and blocks < 0.001
+
+
 def test_few_walks_of_which_few_bring_much_leave_a_right_picture_nearly_as_it_is():
     """Walks of which one in 50 brings any, 4 a pixel, whose means of blocks are 39 % off, in a right picture: in
     the mean of eight pictures the mend leaves blocks less than 0.5 % off, and the mean less than 0.2 %.
