@@ -43,7 +43,7 @@ class Levels:
     views: what it is recovered from. start: on the lattice of the first level. sides: nodes along the longest edge of
     all levels. rays: of each step up to RAYS_SIDE nodes; beyond, they grow with the square of the nodes, as a surface
     does. seed: of the pixels that are drawn. look: what is estimated beside the object; it is fitted, too. `before`:
-    the result of the level before. workers: whose work the pixels of a step are.
+    the result of the level before. workers: whose work the pixels of a step are. albedo: see `Rendering`.
     """
 
     def __init__(
@@ -56,9 +56,10 @@ class Levels:
         shadows: bool,
         look: Look,
         workers: Workers | None = None,
+        albedo: float | None = None,
     ) -> None:
         self.views, self.sides, self.rays, self.seed, self.shadows = views, sides, rays, seed, shadows
-        self.workers = workers
+        self.workers, self.albedo = workers, albedo
         self.start, self.before, self.begin, self.look = start, start, start, look
         self.descent: Descent | None = None
 
@@ -143,7 +144,7 @@ class Levels:
         pixels = PixelTable(reduced, lattice, LAST_MODEL_ERROR if last else MODEL_ERROR, float(np.median(bright)))
         field, seed = begin.field(), self.seed + max(lattice.shape)
         lamps = LampTable(photographs, lattice)
-        return Descent(field, pixels, lamps, begin.gloss, seed, self.shadows, self.look, self.workers)
+        return Descent(field, pixels, lamps, begin.gloss, seed, self.shadows, self.look, self.workers, self.albedo)
 
 
 def sides_of(finest: int) -> list[int]:
