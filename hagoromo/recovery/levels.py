@@ -28,7 +28,7 @@ MODEL_ERROR, LAST_MODEL_ERROR = 0.02, 0.01  # relative error of the model, of co
 SOFTNESS, LAST_SOFTNESS = (1.0, 0.33), (0.6, 0.2)  # s at begin and end of a level, and of the last one [voxel]
 BYTES_PER_PIXEL = 120.0  # of all arrays together
 RAYS_SIDE = 64  # nodes along the longest edge of the lattice up to which the rays of a step are as stated
-TRIAL, LESS = 0.3, 0.9  # of the steps, in which a hollow is tried; of what is left over, that it must be below
+TRIAL, LESS = 0.3, 0.95  # of the steps, in which a hollow is tried; of what is left over, that it must be below
 FURTHER_RATE = 0.3  # factor on the rate of what goes on after the last level
 LEVEL_SHARE = 0.25  # of the steps of the last level, that a coarse one takes of the work
 
@@ -138,9 +138,9 @@ class Levels:
 
     def _with_hollow(self, begin: SurfaceShape, steps: int) -> SurfaceShape:
         """The begin of the last level, with a hollow where photographs ask for one, see `hollows`."""
-        look, seen = FoundLook.of(self.look), self._descent(begin, True)
-        if not seen.lamps.each:
+        if not any(view.photograph.lamps for view in self.views):
             return begin
+        look, seen = FoundLook.of(self.look), self._descent(begin, True)
         seen.rendering.softness = SOFTNESS[1]
         seen.find_between()
         bad = explained_badly(seen)

@@ -17,6 +17,7 @@ from hagoromo.recovery.lattice import Lattice
 from hagoromo.recovery.light_between import LightBetween, light_between, sky_of
 from hagoromo.recovery.matter_field import COLOURS, MatterField
 from hagoromo.recovery.matter_march import LatticeRays, Seen
+from hagoromo.recovery.object_sky import ObjectSky
 from hagoromo.recovery.pixel_table import Drawn, span
 from hagoromo.recovery.shading import NodeShading
 
@@ -84,7 +85,8 @@ class Rendering:
         albedo: float | None = None,
     ) -> None:
         self.field, self.shading, self.shadows, self.strengths = field, shading, shadows, strengths
-        self.albedo, self.between, self._sky = albedo, None, None
+        self.albedo, self.between = albedo, None
+        self._sky: ObjectSky | None = None
         self.softness = softness
 
     @property
