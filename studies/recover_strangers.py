@@ -27,8 +27,8 @@ from studies.recover_scenes import Simulated, TrueObject, shots, simulated
 from studies.recovery_scores import covered, gloss_held, psnr, shape_errors, stated
 from studies.strange_captures import (
     Bowl,
-    Corner,
     Cube,
+    HollowCorner,
     MattBall,
     Mug,
     ThinPlate,
@@ -152,7 +152,7 @@ STRANGERS = {
     **of_both_orders("bowl", "a white bowl that lights itself", Bowl),
     **of_both_orders("white_mug", "a white mug", WhiteMug),
     **of_both_orders("balls", "two white balls that touch", TouchingBalls),
-    **of_both_orders("corner", "a white block with a hollow corner", Corner),
+    **of_both_orders("corner", "a white block with a hollow corner", HollowCorner),
     **of_both_orders("matt_ball", "a matt ball with patterns", MattBall),
     "millimetres": Stranger("all in millimetres", lambda: resized(usual(), 1e3, False), size=1e3, grown=False),
     "5 mm": Stranger("an object of 5 mm", lambda: resized(usual(), 0.05), size=0.05),

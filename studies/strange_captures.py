@@ -36,7 +36,7 @@ class Mug(TrueObject):
         return dr.fmax(dr.fmin(outside, handle), -inside)
 
 
-class White(TrueObject):
+class WhiteObject(TrueObject):
     """A matt white object."""
 
     def __init__(self) -> None:
@@ -47,7 +47,7 @@ class White(TrueObject):
         return [0.8 + 0.0 * p.x] * 3
 
 
-class Bowl(White):
+class Bowl(WhiteObject):
     """A white bowl, whose inside lights itself."""
 
     def distance(self, p: Any) -> Any:
@@ -56,13 +56,13 @@ class Bowl(White):
         return dr.fmax(shell, p.z - 0.008)
 
 
-class WhiteMug(White):
+class WhiteMug(WhiteObject):
     """A white mug: its inside lights itself, and shows in no silhouette."""
 
     distance = Mug.distance
 
 
-class TouchingBalls(White):
+class TouchingBalls(WhiteObject):
     """Two white balls that touch each other."""
 
     def distance(self, p: Any) -> Any:
@@ -70,7 +70,7 @@ class TouchingBalls(White):
         return dr.fmin(sd.sphere(p, (-0.022, 0.0, 0.0), 0.022), sd.sphere(p, (0.022, 0.0, 0.0), 0.022))
 
 
-class Corner(White):
+class HollowCorner(WhiteObject):
     """A white block from which one eighth is cut out: three faces that meet in a corner light each other."""
 
     def distance(self, p: Any) -> Any:

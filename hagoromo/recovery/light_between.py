@@ -97,7 +97,7 @@ def arriving(rendering: Rendering, photographs: int, unit: float, sky: ObjectSky
     lamps = np.zeros((sky.count, photographs, COLOURS))
     once = np.zeros((sky.count, photographs, COLOURS))
     for number in range(photographs):
-        lit = _Lit(rendering, dr.opaque(arrays().UInt, number), place, normal)
+        lit = LitPlaces(rendering, dr.opaque(arrays().UInt, number), place, normal)
         lamps[:, number] = lit.irradiance()
         once[:, number] = np.pi * unit * sky.gathered(lit.sent(sky, whitest)) if len(sky.sender) else 0.0
     albedo = unit * np.stack([np.array(each, np.float64) for each in colours], axis=1)
@@ -129,7 +129,7 @@ def share_between(recovered: Recovered) -> Array:
     return between / np.maximum(lamps, 1e-6 * lamps.max(initial=1e-30))
 
 
-class _Lit:
+class LitPlaces:
     """Places of a surface under the lamps of a photograph."""
 
     def __init__(self, rendering: Rendering, photograph: UInt, place: Array3f, normal: Array3f) -> None:

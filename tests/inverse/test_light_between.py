@@ -18,13 +18,13 @@ from hagoromo.recovery.surface_shape import SurfaceShape
 from studies.path_scenes import path_simulated, shape_mesh
 from studies.recover_scenes import shots, simulated
 from studies.recovery_scores import psnr
-from studies.strange_captures import White
+from studies.strange_captures import WhiteObject
 
 NODES, RADIUS, ALBEDO = 44, 16.0, 0.8
 QUICK = hg.RecoverySettings(side=24, steps=30, rays=1 << 12, keep=0, errors=False)
 
 
-class SmallBalls(White):
+class SmallBalls(WhiteObject):
     """Two white balls that touch."""
 
     def distance(self, p):
@@ -123,11 +123,11 @@ def test_light_of_another_photograph_is_that_of_its_lamps(balls, first_and_all):
 def test_a_ball_alone_is_recovered_as_by_the_first_order():
     """Nothing lights it but the lamps."""
 
-    class Ball(White):
+    class LoneBall(WhiteObject):
         def distance(self, p):
             return sd.sphere(p, (0.0, 0.0, 0.0), 0.03)
 
-    capture = simulated(Ball(), shots(8, 5, 60, 1, pixels=40), 1).capture
+    capture = simulated(LoneBall(), shots(8, 5, 60, 1, pixels=40), 1).capture
     quick = replace(QUICK, side=20, steps=20)
     first, both = (hg.recover(capture, replace(quick, orders=orders)) for orders in ("first", "all"))
     near = np.abs(first.distance) < 1.0
