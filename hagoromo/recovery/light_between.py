@@ -119,14 +119,14 @@ def _of_all_orders(sky: ObjectSky, once: Array, albedo: Array) -> Array:
 
 
 def share_between(recovered: Recovered) -> Array:
-    """(n,) light from other parts over that of lamps, of places of a surface, the sums over its photographs."""
+    """(n,) share of the light of places of a surface that comes from other parts, the sums over its photographs."""
     table = LampTable(recovered.photographs, recovered.lattice)
     own = recovered.rendering
     shading = NodeShading(table, recovered.gloss)
     rendering = type(own)(own.field, shading, own.softness, own.shadows)
     light = arriving(rendering, len(recovered.photographs), recovered.dim, sky_of(own))
     lamps, between = (each.sum(axis=(1, 2)) for each in light)
-    return between / np.maximum(lamps, 1e-6 * lamps.max(initial=1e-30))
+    return between / np.maximum(lamps + between, 1e-30)
 
 
 class LitPlaces:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 UNLIT = 0.1  # share of the surface that no photograph shows lit, from which that is said
 BEYOND = 0.15  # voxels of outlines outside those of masks, from which that is said
-BETWEEN, WHITEST = 0.1, 90  # light between parts, over that of lamps, that is said; percentile of places that have it
+BETWEEN, WHITEST = 0.1, 90  # share of light from other parts that is said; percentile of places that have it
 THIN = 0.02  # share of the surface of matter that is too thin for the lattice, from which that is said
 
 
