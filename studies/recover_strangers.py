@@ -21,14 +21,19 @@ import numpy as np
 
 import hagoromo as hg
 from hagoromo.backend import vectors
+from hagoromo.recovery.choices import OrdersChoice
 from studies.path_scenes import path_simulated, shape_mesh
 from studies.recover_scenes import Simulated, TrueObject, shots, simulated
 from studies.recovery_scores import covered, gloss_held, psnr, shape_errors, stated
 from studies.strange_captures import (
     Bowl,
     Cube,
+    HollowCorner,
+    MattBall,
     Mug,
     ThinPlate,
+    TouchingBalls,
+    WhiteMug,
     at_the_camera,
     behind,
     even,
@@ -51,7 +56,7 @@ HOME = Path("out/recover_strangers")  # of files that a row needs
 class Stranger:
     """A capture. words: what is strange. made: it. truth: the object. size: of its unit of length, or of the object, by
     the usual one. grown: whether strengths of lamps grow with it. refine: what is estimated beside the object. path:
-    whether light goes from one part of the object to another.
+    whether light goes from one part of the object to another. orders: of light that it is recovered by.
     """
 
     words: str
@@ -61,6 +66,7 @@ class Stranger:
     grown: bool = True
     refine: str = "auto"
     path: bool = False
+    orders: OrdersChoice = "first"
 
 
 @dataclass(frozen=True)
@@ -116,9 +122,20 @@ def flash() -> Simulated:
     return simulated(TrueObject(), flash_beside(VIEWS, PIXELS), SEED)
 
 
-def bowl() -> Simulated:
-    """A white bowl by Mitsuba's path tracer."""
-    return path_simulated(shape_mesh(Bowl()), shots(VIEWS, *NEAR, SEED, PIXELS), SEED)
+@functools.cache
+def by_path(truth: type[TrueObject]) -> Simulated:
+    """A matt object by Mitsuba's path tracer."""
+    return path_simulated(shape_mesh(truth()), shots(VIEWS, *NEAR, SEED, PIXELS), SEED)
+
+
+def of_both_orders(name: str, words: str, truth: type[TrueObject]) -> dict[str, Stranger]:
+    """An object that may light itself, recovered by light of the first order and of all orders."""
+    path = f"{words}, by Mitsuba `path`"
+    made = functools.partial(by_path, truth)
+    return {
+        name: Stranger(path, made, truth, path=True),
+        f"{name}_all": Stranger(f"{path}, `--orders all`", made, truth, path=True, orders="all"),
+    }
 
 
 STRANGERS = {
@@ -132,7 +149,11 @@ STRANGERS = {
     "mug": Stranger("a mug: its inside shows in no silhouette", lambda: usual(Mug), Mug),
     "plate": Stranger("a plate 3 mm thick, 1.5 voxels", lambda: usual(ThinPlate), ThinPlate),
     "cube": Stranger("a cube with sharp edges", lambda: usual(Cube), Cube),
-    "bowl": Stranger("a white bowl that lights itself, by Mitsuba `path`", bowl, Bowl, path=True),
+    **of_both_orders("bowl", "a white bowl that lights itself", Bowl),
+    **of_both_orders("white_mug", "a white mug", WhiteMug),
+    **of_both_orders("balls", "two white balls that touch", TouchingBalls),
+    **of_both_orders("corner", "a white block with a hollow corner", HollowCorner),
+    **of_both_orders("matt_ball", "a matt ball with patterns", MattBall),
     "millimetres": Stranger("all in millimetres", lambda: resized(usual(), 1e3, False), size=1e3, grown=False),
     "5 mm": Stranger("an object of 5 mm", lambda: resized(usual(), 0.05), size=0.05),
     "10 m": Stranger("an object of 10 m", lambda: resized(usual(), 100.0), size=100.0),
@@ -155,7 +176,7 @@ STRANGERS = {
 def measured(name: str, given: Stranger) -> StrangerRow:
     """Recover a capture, and compare it with what is kept aside."""
     capture, truth = given.made().capture, given.truth()
-    settings = hg.RecoverySettings(side=SIDE, steps=STEPS, keep=0, refine=given.refine)
+    settings = hg.RecoverySettings(side=SIDE, steps=STEPS, keep=0, refine=given.refine, orders=given.orders)
     begin = time.process_time()
     with warnings.catch_warnings(record=True) as warned:
         warnings.simplefilter("always")
@@ -182,20 +203,20 @@ def table(rows: Sequence[StrangerRow]) -> str:
     """The rows as Markdown."""
     lines = [
         "| capture | new lamps like those, from the side | normals | surface, of the edge "
-        "| 95 % intervals hold position, normal, colour | β, γ held | what is said |",
-        "|---|---|---|---|---|---|---|",
+        "| 95 % intervals hold position, normal, colour | β, γ held | CPU s | what is said |",
+        "|---|---|---|---|---|---|---|---|",
     ]
     for row in rows:
         said = "; ".join(_short(each) for each in row.said) or "nothing"
         if row.new is None or row.side is None or row.normals is None or row.surface is None:
-            lines.append(f"| {row.words} | | | | | | {said} |")
+            lines.append(f"| {row.words} | | | | | | | {said} |")
             continue
         held = "" if row.held is None else ", ".join(f"{each:.0f}" for each in row.held) + " %"
         if row.stated < 99.5:
             held = f"{held} of {row.stated:.0f} % of the places" if row.held else "stated nowhere"
         gloss = {True: "yes", False: "no", None: ""}[row.gloss_held]
         scores = f"{row.new:.1f}, {row.side:.1f} dB | {row.normals:.2f}° | {row.surface:.2f} %"
-        lines.append(f"| {row.words} | {scores} | {held} | {gloss} | {said} |")
+        lines.append(f"| {row.words} | {scores} | {held} | {gloss} | {row.seconds:.0f} | {said} |")
     return "\n".join(lines) + "\n"
 
 

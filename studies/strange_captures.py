@@ -36,20 +36,58 @@ class Mug(TrueObject):
         return dr.fmax(dr.fmin(outside, handle), -inside)
 
 
-class Bowl(TrueObject):
-    """A white bowl, of one body colour and without gloss, whose inside lights itself."""
+class WhiteObject(TrueObject):
+    """A matt white object."""
 
     def __init__(self) -> None:
         super().__init__(beta=0.0, flat=True)
+
+    def colours(self, p: Any) -> list[Any]:
+        """The body colour."""
+        return [0.8 + 0.0 * p.x] * 3
+
+
+class Bowl(WhiteObject):
+    """A white bowl, whose inside lights itself."""
 
     def distance(self, p: Any) -> Any:
         """Signed distance [m]: a shell of 4 mm, cut off above its middle."""
         shell = dr.abs(dr.norm(p) - 0.03) - 0.002
         return dr.fmax(shell, p.z - 0.008)
 
-    def colours(self, p: Any) -> list[Any]:
-        """The body colour."""
-        return [0.8 + 0.0 * p.x] * 3
+
+class WhiteMug(WhiteObject):
+    """A white mug: its inside lights itself, and shows in no silhouette."""
+
+    distance = Mug.distance
+
+
+class TouchingBalls(WhiteObject):
+    """Two white balls that touch each other."""
+
+    def distance(self, p: Any) -> Any:
+        """Signed distance [m]."""
+        return dr.fmin(sd.sphere(p, (-0.022, 0.0, 0.0), 0.022), sd.sphere(p, (0.022, 0.0, 0.0), 0.022))
+
+
+class HollowCorner(WhiteObject):
+    """A white block from which one eighth is cut out: three faces that meet in a corner light each other."""
+
+    def distance(self, p: Any) -> Any:
+        """Signed distance [m]."""
+        block = sd.rounded_box(p, (0.0, 0.0, 0.0), (0.0303, 0.0303, 0.0303), 0.002)
+        return dr.fmax(block, -sd.rounded_box(p, (0.0303, 0.0303, 0.0303), (0.0303, 0.0303, 0.0303), 0.002))
+
+
+class MattBall(TrueObject):
+    """A matt ball with patterns: nothing lights itself."""
+
+    def __init__(self) -> None:
+        super().__init__(beta=0.0)
+
+    def distance(self, p: Any) -> Any:
+        """Signed distance [m]."""
+        return sd.sphere(p, (0.0, 0.0, 0.0), 0.035)
 
 
 class ThinPlate(TrueObject):

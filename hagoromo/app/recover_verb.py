@@ -15,7 +15,7 @@ from hagoromo.app.verb import Force, Out, Written, say, verb, verbs, wrote
 from hagoromo.errors import InputError
 from hagoromo.files.record import write_json
 from hagoromo.files.whole import replaceable_files, replaceable_folder, whole_files
-from hagoromo.recovery.choices import AUTO, GlossChoice, Light, MatterChoice
+from hagoromo.recovery.choices import AUTO, GlossChoice, Light, MatterChoice, OrdersChoice
 
 
 def recovery_files(out: Path) -> Written:
@@ -38,6 +38,7 @@ def recover(
     refine: str = AUTO,
     matter: MatterChoice = "surface",
     gloss: GlossChoice = "one",
+    orders: OrdersChoice = "first",
     resume: bool = False,
     scheduler: Scheduler = HERE,
     force: Force = False,
@@ -71,6 +72,9 @@ def recover(
         gloss: of a surface under known lamps. one: the whole object has one; places: it has two, and each place has
             shares of both, so that β and γ differ from place to place; auto tries both on a coarse lattice and takes
             places if that predicts better.
+        orders: of light, of a surface under known lamps. first: that of lamps alone; all: also from one part of the
+            object to another, for white objects and hollows; auto tries both on a coarse lattice and takes all if that
+            predicts better.
         resume: go on from BOX.checkpoint.npz, with the same capture and options. The result has the same bits.
         scheduler: its workers take the pixels of each step; the result has the same bits.
     """
@@ -93,6 +97,7 @@ def recover(
         refine=refine,
         matter=matter,
         gloss=gloss,
+        orders=orders,
     )
     if not resume:
         checkpoint.unlink(missing_ok=True)
@@ -133,6 +138,8 @@ def summary(record: dict[str, Any]) -> list[str]:
         lines.append(f"gloss: {found}; identifiable: {', '.join(known) or 'nothing'}")
     if tried := record["gloss_tried_db"]:
         lines.append("gloss tried: " + ", ".join(f"{k} {db:.2f} dB" for k, db in tried.items()))
+    if tried := record["orders_tried_db"]:
+        lines.append(f"orders {record['orders']}; tried: " + ", ".join(f"{k} {db:.2f} dB" for k, db in tried.items()))
     if places := record["gloss"]:
         low, high = ([places[key][k] for key in ("beta", "gamma")] for k in (0, -1))
         lines.append(

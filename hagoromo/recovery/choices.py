@@ -10,6 +10,8 @@ Law = Literal["surface", "fuzzy"]  # of matter
 MatterChoice = Literal["surface", "fuzzy", "auto"]
 Gloss = Literal["one", "places"]  # β and γ of the whole object, or of each place
 GlossChoice = Literal["one", "places", "auto"]
+Orders = Literal["first", "all"]  # of light: of lamps alone, or also from other parts of the object
+OrdersChoice = Literal["first", "all", "auto"]
 Part = Literal["turn", "cameras", "lamps", "exposure", "places", "masks"]  # what can be refined beside the object
 PARTS: tuple[Part, ...] = get_args(Part)
 AUTO, NONE = "auto", "none"
@@ -17,14 +19,16 @@ AUTO, NONE = "auto", "none"
 
 @dataclass(frozen=True)
 class FoundMatter:
-    """law: of the matter. gloss: whether it differs from place to place. tried, gloss_tried: PSNR [dB] of each law, and
-    of each kind of gloss, that was tried.
+    """law: of the matter. gloss: whether it differs from place to place. orders: of light. tried, gloss_tried,
+    orders_tried: PSNR [dB] of each of these that was tried.
     """
 
     law: Law
     gloss: Gloss = "one"
+    orders: Orders = "first"
     tried: dict[str, float] = field(default_factory=dict)
     gloss_tried: dict[str, float] = field(default_factory=dict)
+    orders_tried: dict[str, float] = field(default_factory=dict)
 
 
 def parts_of(refine: str) -> tuple[Part, ...]:

@@ -36,7 +36,7 @@ class Descent:
     """One level of the lattice: its field and gloss move by the pixels of all views.
 
     gloss: what `coordinates` gives. seed: of the pixels that are drawn. look: what is estimated beside the object; it
-    is fitted, too. workers: whose work the pixels of a step are; bits do not depend on them.
+    is fitted, too. workers: whose work the pixels of a step are; bits do not depend on them. albedo: see `Rendering`.
     """
 
     def __init__(
@@ -49,10 +49,16 @@ class Descent:
         shadows: bool,
         look: Look,
         workers: Workers | None = None,
+        albedo: float | None = None,
     ) -> None:
         self.field, self.pixels, self.lamps, self.look = field, pixels, lamps, look
         self.rendering = Rendering(
-            field, NodeShading(lamps, gloss, look.unknown, field.element), 1.0, shadows, look.strengths
+            field,
+            NodeShading(lamps, gloss, look.unknown, field.element),
+            1.0,
+            shadows,
+            look.strengths,
+            albedo,
         )
         if look.cameras is not None:
             look.cameras.apply(pixels)
@@ -109,6 +115,9 @@ class Descent:
                 if keep is not None:
                     keep(k)
                 self.choose()
+                self.find_between()
+            elif k == first:
+                self.find_between()
             fall = LAST_RATE**share
             picked = self._pick(chunks, total)
             drawn = self.pixels.of(picked)
@@ -122,7 +131,14 @@ class Descent:
                 self.shading.set_gloss(gloss_step(self.gloss, slopes, copies))
                 if self.shares is not None:
                     self._move_shares(self.shares, slopes, max(FIRST_LEAST * (1.0 - 2.0 * share), 0.0))
+        self.find_between()
         progress(1.0)
+
+    def find_between(self) -> None:
+        """Compute light between parts of the object as it is by now, where it is asked for."""
+        if self.rendering.albedo is not None:
+            self.rendering.find_between(len(self.pixels.places))
+            self.work.choose(np.array(self.moves.nodes))
 
     def _move_shares(self, steps: ShareSteps, slopes: Slopes, least: float) -> None:
         """Move how much of both glosses places have, `least` of each, by the slopes of some pixels."""

@@ -1,8 +1,8 @@
 """First look: what unknown light is fixed to, by how much all cameras turn, whether the matter has a surface, and
-whether its gloss differs from place to place.
+whether its gloss differs from place to place, and whether parts of it light each other.
 
-Each kind of light, law of matter and kind of gloss recovers the object on a coarse lattice from a part of the
-photographs; the one that predicts the others best is taken. Photographs that the user keeps aside take no part.
+Each kind of light, law of matter, kind of gloss and orders of light recovers the object on a coarse lattice from a part
+of the photographs; the one that predicts the others best is taken. Photographs that the user keeps aside take no part.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias, get_args
 
 import numpy as np
 
-from hagoromo.recovery.choices import AUTO, FoundMatter, Gloss, Law, Light, parts_of
+from hagoromo.recovery.choices import AUTO, FoundMatter, Gloss, Law, Light, Orders, parts_of
 from hagoromo.recovery.given import kept_aside
 from hagoromo.recovery.look import FoundLook
 from hagoromo.recovery.object_view import ObjectView
@@ -27,6 +27,7 @@ SIDE = 48  # nodes along the longest edge
 KEEP = 5  # every how many photographs one judges
 FUZZY_BETTER = 0.5  # dB by which matter without a surface must predict better than a surface
 PLACES_BETTER = 0.1  # dB by which a gloss that differs from place to place must predict better than one gloss
+ALL_BETTER = 0.1  # dB by which light of all orders must predict better than that of the first
 BETTER = 0.2  # dB by which a light that depends on the normal, or a turn of the cameras, must predict better than none
 
 
@@ -67,6 +68,13 @@ def gloss_of(views: Sequence[ObjectView], coarse: Callable[[Views, Views, Gloss]
     tried = _tried(views, get_args(Gloss), coarse)
     better = bool(tried) and tried["places"] >= tried["one"] + PLACES_BETTER
     return FoundMatter("surface", "places" if better else "one", gloss_tried=tried)
+
+
+def orders_of(views: Sequence[ObjectView], coarse: Callable[[Views, Views, Orders], Recovered]) -> FoundMatter:
+    """Whether parts of a surface light each other. coarse: recovers from used views and kept ones."""
+    tried = _tried(views, get_args(Orders), coarse)
+    better = bool(tried) and tried["all"] >= tried["first"] + ALL_BETTER
+    return FoundMatter("surface", orders="all" if better else "first", orders_tried=tried)
 
 
 def _tried(

@@ -12,12 +12,14 @@ from hagoromo.cluster.cluster import Workers
 from hagoromo.files.memory import require
 from hagoromo.progress import Progress, part_of
 from hagoromo.recovery.descent import Descent
+from hagoromo.recovery.hollows import WALLS, explained_badly, hollowed, left_over
 from hagoromo.recovery.lamp_table import LampTable
 from hagoromo.recovery.look import FoundLook, Look
 from hagoromo.recovery.matter_shape import MatterShape
 from hagoromo.recovery.object_view import ObjectView
 from hagoromo.recovery.pixel_table import CHUNK, PixelTable
 from hagoromo.recovery.shading import matt
+from hagoromo.recovery.surface_shape import SurfaceShape
 from hagoromo.recovery.work import Checkpoint
 
 COARSEST, LEAST = 32, 16  # nodes along the longest edge of the first level; and where it is the first of two
@@ -26,6 +28,7 @@ MODEL_ERROR, LAST_MODEL_ERROR = 0.02, 0.01  # relative error of the model, of co
 SOFTNESS, LAST_SOFTNESS = (1.0, 0.33), (0.6, 0.2)  # s at begin and end of a level, and of the last one [voxel]
 BYTES_PER_PIXEL = 120.0  # of all arrays together
 RAYS_SIDE = 64  # nodes along the longest edge of the lattice up to which the rays of a step are as stated
+TRIAL, LESS = 0.3, 0.95  # of the steps, in which a hollow is tried; of what is left over, that it must be below
 FURTHER_RATE = 0.3  # factor on the rate of what goes on after the last level
 LEVEL_SHARE = 0.25  # of the steps of the last level, that a coarse one takes of the work
 
@@ -43,7 +46,7 @@ class Levels:
     views: what it is recovered from. start: on the lattice of the first level. sides: nodes along the longest edge of
     all levels. rays: of each step up to RAYS_SIDE nodes; beyond, they grow with the square of the nodes, as a surface
     does. seed: of the pixels that are drawn. look: what is estimated beside the object; it is fitted, too. `before`:
-    the result of the level before. workers: whose work the pixels of a step are.
+    the result of the level before. workers: whose work the pixels of a step are. albedo: see `Rendering`.
     """
 
     def __init__(
@@ -56,9 +59,10 @@ class Levels:
         shadows: bool,
         look: Look,
         workers: Workers | None = None,
+        albedo: float | None = None,
     ) -> None:
         self.views, self.sides, self.rays, self.seed, self.shadows = views, sides, rays, seed, shadows
-        self.workers = workers
+        self.workers, self.albedo = workers, albedo
         self.start, self.before, self.begin, self.look = start, start, start, look
         self.descent: Descent | None = None
 
@@ -106,6 +110,8 @@ class Levels:
                 self.before = self.shape
             begin = self.before.finer(self.sides[number]) if number and first == 0 else self.shape
             last = number == len(self.sides) - 1
+            if last and number and first == 0 and isinstance(begin, SurfaceShape):
+                begin = self._with_hollow(begin, steps)
             self.begin, self.descent = begin, self._descent(begin, last)
             if since is not None and first:
                 self.descent.random.bit_generator.state = json.loads(since.random)
@@ -130,6 +136,29 @@ class Levels:
         """Chunks of pixels of each step of a level."""
         return round(self.rays * max(1.0, side / RAYS_SIDE) ** 2) // CHUNK
 
+    def _with_hollow(self, begin: SurfaceShape, steps: int) -> SurfaceShape:
+        """The begin of the last level, with a hollow where photographs ask for one, see `hollows`."""
+        if not any(view.photograph.lamps for view in self.views):
+            return begin
+        look, seen = FoundLook.of(self.look), self._descent(begin, True)
+        seen.rendering.softness = SOFTNESS[1]
+        seen.find_between()
+        bad = explained_badly(seen)
+        hollows = [each for each in (hollowed(begin, bad, wall) for wall in WALLS) if each is not None]
+        tried = []
+        for shape in (begin, *hollows) if hollows else ():
+            self.look = look.of_views(self.views)
+            descent = self._descent(shape, True)
+            chunks = self.chunks_of(self.sides[-1])
+            descent.run(max(round(TRIAL * steps), 1), chunks, SOFTNESS, descent.moves.rates[1])
+            tried.append((left_over(descent), shape.after(descent.field, descent.gloss), FoundLook.of(self.look)))
+        best = min(range(len(tried)), key=lambda k: tried[k][0], default=0)
+        if best == 0 or tried[best][0] > LESS * tried[0][0]:
+            self.look = look.of_views(self.views)
+            return begin
+        self.look = tried[best][2].of_views(self.views)
+        return tried[best][1]
+
     def _descent(self, begin: MatterShape, last: bool) -> Descent:
         """The descent of a level."""
         photographs, lattice = [view.photograph for view in self.views], begin.lattice
@@ -143,7 +172,7 @@ class Levels:
         pixels = PixelTable(reduced, lattice, LAST_MODEL_ERROR if last else MODEL_ERROR, float(np.median(bright)))
         field, seed = begin.field(), self.seed + max(lattice.shape)
         lamps = LampTable(photographs, lattice)
-        return Descent(field, pixels, lamps, begin.gloss, seed, self.shadows, self.look, self.workers)
+        return Descent(field, pixels, lamps, begin.gloss, seed, self.shadows, self.look, self.workers, self.albedo)
 
 
 def sides_of(finest: int) -> list[int]:

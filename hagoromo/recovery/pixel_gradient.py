@@ -19,11 +19,10 @@ def add_gradient(rendering: Rendering, drawn: Drawn, count: int, limit: float) -
     have the sum of the whole, to the bit. limit: see `robust`.
     """
     light = rendering.light(drawn)
-    each = max(rendering.shading.lamps.each, 1)
     rest = [a - b for a, b in zip(light.channels, drawn.values, strict=True)]
     doubt = robust(drawn, rest, limit)
     by = [(2.0 / 3.0 / count) * w * r * doubt for w, r in zip(drawn.weights, rest, strict=True)]
-    by_light = [light.passed[k] * by[c] for k in range(each) for c in range(COLOURS)]
+    by_light = [factor * by[k % COLOURS] for k, factor in enumerate(light.factors)]
     clear = dr.exp(-light.seen.depth)
     weight = rendering.field.outline_weight(drawn)
     by_depth = (2.0 * SILHOUETTE / count) * weight * ((1.0 - clear) - drawn.share) * clear

@@ -48,6 +48,7 @@ class PixelTable:
         for number, view in enumerate(views):
             columns.append(_pixels_of(view, number, lattice, model_error, scale))
         joined = [np.concatenate(each) for each in zip(*columns, strict=True)]
+        self.scale = scale
         self.limit = ROBUST if any(view.photograph.lamps for view in views) else UNLIT_ROBUST
         self.count = len(joined[0]) // CHUNK * CHUNK
         number, *floats = joined

@@ -21,7 +21,8 @@ from hagoromo.backend import arrays, lookup
 from hagoromo.cluster.cluster import Cluster
 from hagoromo.recovery.gloss_step import Slopes, slopes_of
 from hagoromo.recovery.lamp_table import LampTable
-from hagoromo.recovery.matter_field import MatterField
+from hagoromo.recovery.light_between import LightBetween, PlainBetween
+from hagoromo.recovery.matter_field import COLOURS, MatterField
 from hagoromo.recovery.matter_march import LatticeRays, Seen
 from hagoromo.recovery.pixel_gradient import add_gradient
 from hagoromo.recovery.pixel_table import CHUNK, Drawn
@@ -54,12 +55,13 @@ class PixelsHere:
 
 
 class HeldMatter(NamedTuple):
-    """A field as plain arrays, by a key of their content. nodes: (n,) that move."""
+    """A field as plain arrays, by a key of their content. nodes: (n,) that move. between: light between its parts."""
 
     key: str
     law: type[MatterField]
     arrays: tuple[Floats, ...]
     nodes: NDArray[np.uint32]
+    between: PlainBetween | None
 
 
 class StepState(NamedTuple):
@@ -111,10 +113,11 @@ class PixelsOnWorkers(PixelsHere):
         """Send the field anew."""
         field = self.rendering.field
         plain, key = field.plain(), hashlib.sha256(nodes.tobytes())
-        for array in plain:
+        between = None if self.rendering.between is None else self.rendering.between.plain
+        for array in (*plain, *(between or ())):
             key.update(np.ascontiguousarray(array).tobytes())
         self.nodes, self.workers = lookup(arrays().UInt, nodes), max(self.cluster.workers, 1)
-        self.held = self.cluster.hold(HeldMatter(key.hexdigest(), type(field), plain, nodes))
+        self.held = self.cluster.hold(HeldMatter(key.hexdigest(), type(field), plain, nodes, between))
 
     def gradient(self, drawn: Drawn, with_light: bool) -> SeenLight | None:
         """By parts, whose gradients are summed."""
@@ -122,7 +125,10 @@ class PixelsOnWorkers(PixelsHere):
         parts = self._of_parts(gradient_of_part, drawn, count, self.limit, with_light)
         field.no_gradients()
         field.set_sums(self.nodes, [np.sum(each, axis=0) for each in zip(*(sums for sums, _ in parts), strict=True)])
-        return seen_light(np.concatenate([light for _, light in parts], axis=1)) if with_light else None
+        if not with_light:
+            return None
+        each = max(self.rendering.shading.lamps.each, 1)
+        return seen_light(np.concatenate([light for _, light in parts], axis=1), each)
 
     def slopes(self, drawn: Drawn) -> Slopes:
         """By parts, in their order."""
@@ -143,18 +149,21 @@ class PixelsOnWorkers(PixelsHere):
         return [result for _, result in sorted(self.cluster.results(work, tasks), key=lambda each: each[0])]
 
 
-_held: list[tuple[str, MatterField]] = []  # one field at most, by its key
+_held: list[tuple[str, MatterField, LightBetween | None]] = []  # one field at most, by its key
 
 
 def _rendering(held: HeldMatter, state: StepState) -> Rendering:
     """On a worker: the field of a state, and what is seen of it."""
     if not _held or _held[0][0] != held.key:
         _held.clear()  # before another one takes memory
-        _held.append((held.key, held.law(*held.arrays)))
-    field = _held[0][1]
+        light = None if held.between is None else LightBetween(held.between)
+        _held.append((held.key, held.law(*held.arrays), light))
+    _, field, between = _held[0]
     field.set_at(lookup(arrays().UInt, held.nodes), state.numbers)
     shading = NodeShading(state.lamps, state.gloss, state.unknown, field.element)
-    return Rendering(field, shading, state.softness, state.shadows, state.strengths)
+    rendering = Rendering(field, shading, state.softness, state.shadows, state.strengths)
+    rendering.between = between
+    return rendering
 
 
 def gradient_of_part(
@@ -173,8 +182,8 @@ def slopes_of_part(held: HeldMatter, state: StepState, pixels: PlainPixels) -> S
     return slopes_of(_rendering(held, state), pixels.drawn())
 
 
-def seen_light(rows: Floats) -> SeenLight:
-    """What `SeenLight.plain` gives, on the device."""
+def seen_light(rows: Floats, each: int) -> SeenLight:
+    """What `SeenLight.plain` gives of `each` lamp of a photograph, on the device."""
     depth, way, *rest = (lookup(arrays().Float, row) for row in rows)
-    each = len(rest) // 4
-    return SeenLight(Seen(rest[each:], depth, way), rest[:each])
+    factors = each + COLOURS * (len(rest) > (1 + COLOURS) * each)  # those of light between parts are behind
+    return SeenLight(Seen(rest[factors:], depth, way), rest[:each], rest[each:factors])

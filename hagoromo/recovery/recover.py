@@ -15,11 +15,21 @@ from hagoromo.files.memory import SHARE_OF_MEMORY, free_memory
 from hagoromo.photograph.capture import Capture, load_capture
 from hagoromo.progress import Progress, part_of, silent
 from hagoromo.recovery.agreement import check_agree
-from hagoromo.recovery.choices import AUTO, NONE, FoundMatter, Gloss, GlossChoice, Law, Light, MatterChoice, parts_of
+from hagoromo.recovery.choices import (
+    AUTO,
+    NONE,
+    FoundMatter,
+    GlossChoice,
+    Law,
+    Light,
+    MatterChoice,
+    OrdersChoice,
+    parts_of,
+)
 from hagoromo.recovery.colour_unit import colour_unit, counted_back, counted_in
 from hagoromo.recovery.errors import errors_of
 from hagoromo.recovery.evidence import evidence_of, feigned, slopes_in
-from hagoromo.recovery.first_look import SIDE, Views, first_look, gloss_of, law_of
+from hagoromo.recovery.first_look import SIDE, Views, first_look, gloss_of, law_of, orders_of
 from hagoromo.recovery.fuzzy_shape import FuzzyShape
 from hagoromo.recovery.given import LEAST_VIEWS, check_lamps, check_not_cut, checked, kept_aside, with_light
 from hagoromo.recovery.hull import box_of, check_all_show_it, hull_distance, outlines_of, without_crumbs
@@ -61,7 +71,9 @@ class RecoverySettings:
     it predicts better. matter: "surface"; "fuzzy": fibres without a surface, such as
     fur and down, a free density at each node; "auto": the one that predicts better, on a coarse lattice. gloss: of a
     surface under known lamps; "one": β and γ are those of the whole object; "places": each node has its own; "auto":
-    "places", where that predicts better, on a coarse lattice.
+    "places", where that predicts better, on a coarse lattice. orders: of light, of a surface under known lamps;
+    "first": that of lamps alone; "all": also from one part of the object to another; "auto": "all", where that predicts
+    better, on a coarse lattice.
     """
 
     side: int = 128
@@ -75,6 +87,7 @@ class RecoverySettings:
     refine: str = AUTO
     matter: MatterChoice = "surface"
     gloss: GlossChoice = "one"
+    orders: OrdersChoice = "first"
 
     def __post_init__(self) -> None:
         if not LEAST_SIDE <= self.side <= LARGEST_SIDE:
@@ -88,6 +101,10 @@ class RecoverySettings:
             raise InputError(f"matter is {self.matter!r}: give {', '.join(get_args(MatterChoice))}")
         if self.gloss not in get_args(GlossChoice):
             raise InputError(f"gloss is {self.gloss!r}: give {', '.join(get_args(GlossChoice))}")
+        if self.orders not in get_args(OrdersChoice):
+            raise InputError(f"orders is {self.orders!r}: give {', '.join(get_args(OrdersChoice))}")
+        if self.orders == "all" and self.matter == "fuzzy":
+            raise InputError("orders is 'all', which is of a surface, and matter is 'fuzzy': give orders first")
         if self.gloss == "places" and self.matter == "fuzzy":
             raise InputError("gloss is 'places', which is of a surface, and matter is 'fuzzy': give gloss one")
         parts_of(self.refine)
@@ -152,6 +169,10 @@ def recover(
     lit = any(p.lamps for p in photographs)
     _check_lamps_of(settings.refine, lit)
     _check_light_of(settings, lit)
+    if settings.orders == "all" and not lit:
+        raise InputError(
+            "orders is 'all', but no photograph has a lamp, whose light it is: give lamps, or orders first"
+        )
     kept_work = Work(None if work is None else Path(work), photographs, asdict(settings))
     with here_or_on(scheduler) as workers:
         matter, look, run = _first_looks(used, settings, lit, RecoveryRun(progress, kept_work, workers))
@@ -170,37 +191,55 @@ def _first_looks(
     """The law of the matter, what is estimated beside the object, and the run of what is left to be done."""
     coarse = replace(settings, side=min(SIDE, settings.side), errors=False)
     matter = FoundMatter(
-        "fuzzy" if settings.matter == "fuzzy" else "surface", "places" if settings.gloss == "places" else "one"
+        "fuzzy" if settings.matter == "fuzzy" else "surface",
+        "places" if settings.gloss == "places" else "one",
+        "all" if settings.orders == "all" else "first",
     )
     work = run.work
     known = work.found.look or FoundLook(parts_of(settings.refine))
     glosses = settings.gloss == AUTO and lit and settings.matter != "fuzzy"
-    looks = (not lit) + (settings.matter == AUTO) + glosses
+    orders = settings.orders == AUTO and lit and settings.matter != "fuzzy"
+    looks = (not lit) + (settings.matter == AUTO) + glosses + orders
 
     def looked_at(number: int) -> Callable[..., Recovered]:
         own = run.part(LOOK_SHARE * number, LOOK_SHARE, "first look")
 
-        def recovered(some: Views, others: Views, law: Law, start: FoundLook, gloss: Gloss = "one") -> Recovered:
-            return _recovered(some, others, coarse, FoundMatter(law, gloss), start.of_views(some), own.without_file())
+        def recovered(some: Views, others: Views, tried: FoundMatter, start: FoundLook) -> Recovered:
+            return _recovered(some, others, coarse, tried, start.of_views(some), own.without_file())
 
         return recovered
 
     if not lit and work.found.look is None:
         light, first = "even" if matter.law == "fuzzy" else settings.light, looked_at(0)
-        known = first_look(used, light, settings.refine, lambda a, b, start: first(a, b, matter.law, start))
+        known = first_look(
+            used, light, settings.refine, lambda a, b, start: first(a, b, FoundMatter(matter.law), start)
+        )
         work.keep(look=known)
     if settings.matter == AUTO:
         if work.found.matter is None:
             plain, second = FoundLook(known.parts, cameras=known.cameras), looked_at(int(not lit))
-            tried = law_of(used, lambda a, b, law: second(a, b, law, known if law == "surface" else plain))
-            work.keep(matter=replace(tried, gloss=matter.gloss if tried.law == "surface" else "one"))
+
+            def by_law(some: Views, others: Views, law: Law) -> Recovered:
+                return second(
+                    some, others, FoundMatter(law, orders=matter.orders), known if law == "surface" else plain
+                )
+
+            tried = law_of(used, by_law)
+            kept = matter if tried.law == "surface" else FoundMatter("fuzzy")
+            work.keep(matter=replace(kept, tried=tried.tried))
         matter = work.found.matter or matter
         known = known if matter.law == "surface" else FoundLook(known.parts, cameras=known.cameras)
     if glosses and matter.law == "surface":
         if not matter.gloss_tried:
-            last, start = looked_at(looks - 1), known
-            tried = gloss_of(used, lambda a, b, gloss: last(a, b, "surface", start, gloss))
-            work.keep(matter=replace(tried, tried=matter.tried))
+            third, start, before = looked_at(looks - 1 - orders), known, matter
+            tried = gloss_of(used, lambda a, b, gloss: third(a, b, replace(before, gloss=gloss), start))
+            work.keep(matter=replace(before, gloss=tried.gloss, gloss_tried=tried.gloss_tried))
+        matter = work.found.matter or matter
+    if orders and matter.law == "surface":
+        if not matter.orders_tried:
+            last, start, before = looked_at(looks - 1), known, matter
+            tried = orders_of(used, lambda a, b, orders: last(a, b, replace(before, orders=orders), start))
+            work.keep(matter=replace(before, orders=tried.orders, orders_tried=tried.orders_tried))
         matter = work.found.matter or matter
     return matter, known.of_views(used), run.part(LOOK_SHARE * looks, 1.0 - LOOK_SHARE * looks)
 
@@ -260,7 +299,7 @@ def _recovered(
         asdict(settings), stated=used[0].stated, evidence=known, errors=errors,
         complete=known is not None and (errors is not None or not both),
         look=look, fuzzy=shape if isinstance(shape, FuzzyShape) else None, matter_tried=matter.tried,
-        shares=found.shares, gloss_tried=matter.gloss_tried,
+        shares=found.shares, gloss_tried=matter.gloss_tried, orders=matter.orders, orders_tried=matter.orders_tried,
     )  # fmt: skip
 
 
@@ -303,7 +342,8 @@ def _levels(
     start = replace(start, gloss=matt(start.gloss)) if no_gloss else start
     unit = colour_unit(seen, lattice.middle)
     counted = [counted_in(view, unit) for view in views]
-    return Levels(counted, start, sides, rays, settings.seed, settings.shadows, look, workers), unit
+    albedo = unit if matter.orders == "all" and matter.law == "surface" else None
+    return Levels(counted, start, sides, rays, settings.seed, settings.shadows, look, workers, albedo), unit
 
 
 def _check_room(matter: FoundMatter, side: int, lattice: Lattice) -> None:

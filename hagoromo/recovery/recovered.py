@@ -17,7 +17,7 @@ from hagoromo.files.record import written_by
 from hagoromo.files.whole import whole_file
 from hagoromo.light.colour import srgb_encode
 from hagoromo.photograph.photograph import Photograph
-from hagoromo.recovery.choices import Law
+from hagoromo.recovery.choices import Law, Orders
 from hagoromo.recovery.distance_field import DistanceField
 from hagoromo.recovery.errors import Errors
 from hagoromo.recovery.evidence import Evidence
@@ -117,8 +117,10 @@ class Recovered:
     that has no surface, on the same lattice; `distance` is then that to the surface that stands for it, where the
     clearest way out has the optical depth ½. None: the matter is a surface. matter_tried: PSNR [dB] of each law that
     was tried. shares: (nz, ny, nx) of the second of two glosses, 0 … 1; None: the object has one gloss.
-    gloss_tried: PSNR [dB] of one gloss and of one of each place, where both were tried. masks: how far they are off;
-    None: they are not, or photographs do not show it. dark: names of photographs without light, which took no part.
+    gloss_tried: PSNR [dB] of one gloss and of one of each place, where both were tried. orders: of light that it was
+    recovered by, and that `picture` shows; orders_tried: PSNR [dB] of both, where they were tried. masks: how far they
+    are off; None: they are not, or photographs do not show it. dark: names of photographs without light, which took no
+    part.
     """
 
     lattice: Lattice
@@ -141,6 +143,8 @@ class Recovered:
     matter_tried: Mapping[str, float] = field(default_factory=dict)
     shares: NDArray[np.float32] | None = None
     gloss_tried: Mapping[str, float] = field(default_factory=dict)
+    orders: Orders = "first"
+    orders_tried: Mapping[str, float] = field(default_factory=dict)
     masks: MaskOffset | None = None
     dark: tuple[str, ...] = ()
 
@@ -223,7 +227,8 @@ class Recovered:
         held = self.field
         light = None if self.look.unknown is None else self.look.unknown.of(self.photographs[:1])
         shading = NodeShading(LampTable(self.photographs[:1], self.lattice), self.gloss, light, held.element)
-        return Rendering(held, shading, self.softness, bool(self.settings.get("shadows", True)))
+        albedo = self.dim if self.orders == "all" else None
+        return Rendering(held, shading, self.softness, bool(self.settings.get("shadows", True)), albedo=albedo)
 
     def picture(self, photograph: Photograph) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """What the camera of `photograph` would see under its lamps: light (h, w, 3), and opacity (h, w)."""
@@ -264,6 +269,8 @@ class Recovered:
             "materials": materials,
             "gloss": self._gloss(),
             "gloss_tried_db": dict(self.gloss_tried),
+            "orders": self.orders,
+            "orders_tried_db": dict(self.orders_tried),
             "errors": self._errors(),
             "remarks": remarks_on(self),
             "kept_aside": [score._asdict() for score in scores],

@@ -9,7 +9,8 @@ import numpy as np
 from hagoromo.errors import listed
 from hagoromo.recovery.explained import said_of
 from hagoromo.recovery.lattice import LARGEST_SIDE
-from hagoromo.recovery.light_between import light_between
+from hagoromo.recovery.light_between import WHITEST as WHITEST_SENT
+from hagoromo.recovery.light_between import share_between
 from hagoromo.recovery.near_surface import THICK
 
 if TYPE_CHECKING:
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 
 UNLIT = 0.1  # share of the surface that no photograph shows lit, from which that is said
 BEYOND = 0.15  # voxels of outlines outside those of masks, from which that is said
-BETWEEN, WHITEST = 0.1, 90  # light between parts, over that of lamps, that is said; percentile of places that have it
+BETWEEN, WHITEST = 0.1, 90  # share of light from other parts that is said; percentile of places that have it
 THIN = 0.02  # share of the surface of matter that is too thin for the lattice, from which that is said
 
 
@@ -31,7 +32,7 @@ def remarks_on(recovered: Recovered) -> list[str]:
         )
     if recovered.matter == "surface" and recovered.near_surface.nodes.any():
         said += [*_of_thin_matter(recovered), *_of_sharp_edges(recovered)]
-        said += _of_light_between(recovered) if recovered.lit else []
+        said += _of_light_between(recovered) if recovered.lit and recovered.orders == "first" else []
     if recovered.dark:
         said.append(
             f"{len(recovered.dark)} photographs show no light above their noise, or clipped pixels alone, and were "
@@ -45,14 +46,16 @@ def _of_brightness(recovered: Recovered) -> str:
     what, why = "light that is sent out", "the unit of the photographs is no share of all light"
     if recovered.lit:
         what = "body colours"
-        why = (
-            "lamps are stated too weak or too far for the values of the photographs, or parts of a white object light "
-            "each other"
-        )
-    return (
+        why = "lamps are stated too weak or too far for the values of the photographs"
+        if recovered.orders == "first":
+            why += ", or parts of a white object light each other"
+    said = (
         f"{what} reach {recovered.brightest:.3g}, and 1 is all light: {why}. Only their ratios are known; box and mesh "
         f"are dimmed by {recovered.dim:.3g}"
     )
+    if recovered.orders == "all":
+        said += f"; light between parts was computed with body colours of {WHITEST_SENT:g} at most"
+    return said
 
 
 def _of_thin_matter(recovered: Recovered) -> list[str]:
@@ -80,11 +83,11 @@ def _of_sharp_edges(recovered: Recovered) -> list[str]:
 
 
 def _of_light_between(recovered: Recovered) -> list[str]:
-    """By form and body colours alone: what recover made of the photographs is not asked."""
-    most = float(np.percentile(light_between(recovered), WHITEST))
+    """By form and body colours that were found, under the lamps of the photographs."""
+    most = float(np.percentile(share_between(recovered), WHITEST))
     if most < BETWEEN:
         return []
     return [
         f"a tenth of the surface has {100.0 * most:.0f} % of its light, or more, from other parts of the object, which "
-        "recover takes for light of lamps: body colours are too bright there, and hollows look too flat"
+        "is taken for light of lamps: body colours are too bright there, and hollows look too flat; give --orders all"
     ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import drjit as dr
@@ -13,8 +14,10 @@ from hagoromo.matter.shape import unit
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.recovery.lamp_table import LampTable
 from hagoromo.recovery.lattice import Lattice
+from hagoromo.recovery.light_between import LightBetween, light_between, sky_of
 from hagoromo.recovery.matter_field import COLOURS, MatterField
 from hagoromo.recovery.matter_march import LatticeRays, Seen
+from hagoromo.recovery.object_sky import ObjectSky
 from hagoromo.recovery.pixel_table import Drawn, span
 from hagoromo.recovery.shading import NodeShading
 
@@ -27,14 +30,21 @@ INSIDE = 1.0  # [voxel] from the edge of the lattice where shadow rays end
 
 class SeenLight:
     """What rays see. seen: without shadows of a surface. passed: share of each lamp's light that arrives at it.
+    between: irradiance of each channel by other parts of the object; nothing for light of the first order alone.
     channels: of the sum.
     """
 
-    def __init__(self, seen: Seen, passed: list[Float]) -> None:
-        self.seen, self.passed = seen, passed
+    def __init__(self, seen: Seen, passed: list[Float], between: Sequence[Float] = ()) -> None:
+        self.seen, self.passed, self.between = seen, passed, between
         self.channels = [
-            sum(share * seen.light[k * COLOURS + c] for k, share in enumerate(passed)) for c in range(COLOURS)
+            sum(factor * light for factor, light in zip(self.factors[c::COLOURS], seen.light[c::COLOURS], strict=True))
+            for c in range(COLOURS)
         ]
+
+    @property
+    def factors(self) -> list[Float]:
+        """On the light of every lamp and channel, and on that from other parts."""
+        return [*(share for share in self.passed for _ in range(COLOURS)), *self.between]
 
     @property
     def of_lamps(self) -> NDArray[np.float64]:
@@ -45,8 +55,10 @@ class SeenLight:
         return np.stack([np.array(part, np.float64) for part in parts]).reshape(len(self.passed), COLOURS, -1)
 
     def plain(self, count: int) -> NDArray[np.float32]:
-        """(2 + 4 lamps, rays) depth, way, share and light of all lamps, of `count` rays."""
-        rows = [self.seen.depth, self.seen.way, *self.passed, *self.seen.light]
+        """(2 + 4 lamps, rays) depth, way, share and light of all lamps, of `count` rays; six rows more with light
+        between parts.
+        """
+        rows = [self.seen.depth, self.seen.way, *self.passed, *self.between, *self.seen.light]
         return np.stack([np.broadcast_to(np.array(row), count) for row in rows])
 
     @property
@@ -60,7 +72,7 @@ class Rendering:
 
     shadows: whether the object keeps the light of lamps from itself. Those on a surface have no derivative: they
     are found anew in each step, and held in it. strengths: factors on the light of lamps; None where they are as
-    stated.
+    stated. albedo: of a body colour of 1, for light between parts of the object; None: of the first order alone.
     """
 
     def __init__(
@@ -70,9 +82,26 @@ class Rendering:
         softness: float,
         shadows: bool = True,
         strengths: Strengths | None = None,
+        albedo: float | None = None,
     ) -> None:
         self.field, self.shading, self.shadows, self.strengths = field, shading, shadows, strengths
+        self.albedo, self.between = albedo, None
+        self._sky: ObjectSky | None = None
         self.softness = softness
+
+    @property
+    def between(self) -> LightBetween | None:
+        """Irradiance by other parts of the object; None: light of the first order alone."""
+        return self._between
+
+    @between.setter
+    def between(self, light: LightBetween | None) -> None:
+        self._between, self.shading.between = light, light is not None
+
+    def find_between(self, photographs: int) -> None:
+        """Compute the light between parts of the field as it is, under the lamps of all photographs."""
+        if self.albedo is not None and self.shading.lamps.each:
+            self.between = light_between(self, photographs, self.albedo)
 
     @property
     def softness(self) -> float:
@@ -90,7 +119,16 @@ class Rendering:
         with dr.suspend_grad():
             seen = self.march.seen(drawn.rays)
             evaluate(seen)
-            return SeenLight(seen, self._passed(drawn, seen))
+            return SeenLight(seen, self._passed(drawn, seen), self._arriving(drawn, seen))
+
+    def _arriving(self, drawn: Drawn, seen: Seen) -> list[Float]:
+        """Irradiance of each channel by other parts of the object."""
+        if self.between is None:
+            return []
+        place = drawn.rays.at(seen.way)
+        light = self.between.at(self.field, drawn.photograph, place, unit(self.field.axis_at(place)))
+        dr.eval(light)
+        return light
 
     def _passed(self, drawn: Drawn, seen: Seen) -> list[Float]:
         jit, lamps = arrays(), self.shading.lamps
@@ -111,7 +149,11 @@ class Rendering:
 
     def picture(self, photograph: Photograph, lattice: Lattice) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Light (h, w, 3) that a camera sees under the lamps of `photograph`, and the opacity (h, w) there."""
-        light = self._of(photograph, lattice).light(whole_picture(photograph, lattice))
+        shown = self._of(photograph, lattice)
+        if self.albedo is not None and shown.shading.lamps.each:
+            self._sky = self._sky or sky_of(self)
+            shown.between = light_between(shown, 1, self.albedo, self._sky)
+        light = shown.light(whole_picture(photograph, lattice))
         size = photograph.camera.height, photograph.camera.width
         channels = [np.broadcast_to(np.array(each), light.opacity.shape) for each in light.channels]
         return np.stack(channels, axis=1).reshape(*size, COLOURS), light.opacity.reshape(size)

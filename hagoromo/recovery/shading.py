@@ -65,13 +65,15 @@ class NodeShading:
     ln β and ln γ of the second stand behind. Without lamps body colours
     stand for the light that a place sends out, or for that over the irradiance of its normal under `unknown` light.
     element: "plane", whose axis is the normal, or "cylinder", whose axis is the tangent of fibres. photograph: number
-    of that of every ray, set before each march.
+    of that of every ray, set before each march. between: whether channels of light from other parts of the object stand
+    behind those of the lamps: what a body sends back of an irradiance of 1.
     """
 
     def __init__(
         self, lamps: LampTable, gloss: np.ndarray, unknown: UnknownLight | None = None, element: str = "plane"
     ) -> None:
         self.lamps, self.unknown, self.element, self.photograph = lamps, unknown, element, arrays().UInt(0)
+        self.between = False
         self.set_gloss(gloss)
 
     def set_gloss(self, gloss: np.ndarray) -> None:
@@ -82,7 +84,7 @@ class NodeShading:
     @property
     def channels(self) -> int:
         """Numbers of what `__call__` gives."""
-        return COLOURS * max(self.lamps.each, 1)
+        return COLOURS * (max(self.lamps.each, 1) + self.between)
 
     def __call__(self, place: Array3f, axis: Array3f, to_eye: Array3f, looks: list[Float]) -> list[Float]:
         """Radiance of every lamp and channel. looks: see `MatterField.looks_at`."""
@@ -102,6 +104,8 @@ class NodeShading:
             sent = sum(share * part.interface for share, part in zip(shares, parts, strict=True))
             body, interface = parts[0].body * fade, sent * fade
             light += [irradiance[c] * dr.fma(body, colours[c], interface) for c in range(COLOURS)]
+        if self.between:
+            light += [ALPHA * fade * colour for colour in colours]
         return light
 
     def _unlit(self, normal: Array3f, colours: list[Float]) -> list[Float]:

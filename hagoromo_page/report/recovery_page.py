@@ -91,6 +91,11 @@ def _found(recovered: Recovered, record: dict[str, Any]) -> list[str]:
     if tried := record["gloss_tried_db"]:
         words = ", ".join(f"{kind} {db:.2f} dB" for kind, db in tried.items())
         said.append(f"A first look tried one gloss and one of each place: {words}.")
+    if record["orders"] == "all":
+        said.append("Light from one part of the object to another is computed.")
+    if tried := record["orders_tried_db"]:
+        words = ", ".join(f"{kind} {db:.2f} dB" for kind, db in tried.items())
+        said.append(f"A first look tried light of the first order and of all orders: {words}.")
     if not recovered.lit:
         tried = ", ".join(f"{kind} {db:.2f} dB" for kind, db in record["lights_tried_db"].items())
         said.append(f"The light is {record['lamps']}." + (f" A first look tried: {tried}." if tried else ""))

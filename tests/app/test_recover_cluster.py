@@ -66,6 +66,12 @@ def test_the_gloss_of_places_has_the_same_bits(capture, address):
 
 
 @pytest.mark.nightly
+def test_light_between_parts_has_the_same_bits(capture, address):
+    settings = replace(SETTINGS, side=18, steps=36, orders="all", refine="lamps")
+    same(hg.recover(capture, settings, scheduler=address), hg.recover(capture, settings))
+
+
+@pytest.mark.nightly
 def test_fuzzy_matter_and_errors_have_the_same_bits(address):
     taken = fuzzy_simulated(down(2.0), shots(12, 5, 60, 1, pixels=40), 1).capture
     settings = replace(SETTINGS, side=34, steps=6, matter="fuzzy", errors=True)

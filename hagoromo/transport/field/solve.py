@@ -25,7 +25,6 @@ from hagoromo.transport.field.cells import grid_over, matter_bounds
 from hagoromo.transport.field.fit import FINER, fitted
 from hagoromo.transport.field.matter_samples import held_share, sample_bytes, sampled
 from hagoromo.transport.field.scattering import ScatteringTables
-from hagoromo.transport.field.second_order import NUMBERS
 from hagoromo.transport.field.sent_light import Numbers, added, nothing, sent_again, sent_from_lamps
 from hagoromo.transport.field.sweep import Ways, balanced, sweep
 from hagoromo.transport.lighting import Lighting
@@ -185,7 +184,7 @@ class Anderson:
         shares = [dr.opaque(arrays().Float, float(share)) for share in back]
         steps = [one.numbers() for one in self.steps]
         result = [
-            sum((-share * one[k] for share, one in zip(shares, steps, strict=True)), new[k]) for k in range(NUMBERS)
+            sum((-share * one[k] for share, one in zip(shares, steps, strict=True)), new[k]) for k in range(len(new))
         ]
         dr.eval(result)
         self.last, self.changes = new, [*self.changes, Halves(change)][1 - HISTORY :]
