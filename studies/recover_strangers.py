@@ -16,12 +16,12 @@ import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
 import hagoromo as hg
 from hagoromo.backend import vectors
-from hagoromo.recovery.choices import OrdersChoice
 from studies.path_scenes import path_simulated, shape_mesh
 from studies.recover_scenes import Simulated, TrueObject, shots, simulated
 from studies.recovery_scores import covered, gloss_held, psnr, shape_errors, stated
@@ -66,7 +66,7 @@ class Stranger:
     grown: bool = True
     refine: str = "auto"
     path: bool = False
-    orders: OrdersChoice = "first"
+    orders: Literal["first", "all"] = "first"
 
 
 @dataclass(frozen=True)

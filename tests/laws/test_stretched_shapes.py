@@ -24,6 +24,7 @@ def seen(surface):
     camera = camera.look_at((0.1, -0.8, 0.3), (0.0, 0.0, 0.0))
     scene = hg.Scene(camera, (hg.Lamp(position=(0.3, -0.9, 0.5), spectrum=hg.Spectrum.constant(1.0)),), (), (surface,))
     capture = hg.simulate(scene)
+    assert capture.points is not None and capture.normals is not None
     hit = np.linalg.norm(capture.normals, axis=2) > 0.5
     inverse = np.linalg.inv(surface.pose)
     local = capture.points[hit] @ inverse[:3, :3].T + inverse[:3, 3]
