@@ -8,6 +8,7 @@ from studies.drawn_scenes import MATTER, drawn_scene
 from studies.random_scenes import holds, off
 
 
+@pytest.mark.nightly
 def test_a_number_draws_one_scene_and_many_draw_all_kinds_of_matter():
     drawn = [drawn_scene(number, 16) for number in range(60)]
     again = drawn_scene(7, 16)

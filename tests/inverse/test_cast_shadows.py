@@ -86,6 +86,7 @@ def _at_edges(capture, seen):
     return known & beside.any(axis=0)
 
 
+@pytest.mark.nightly
 def test_normals_hold_where_shadows_end():
     """Where the edge of a shadow crosses a pixel, its value is a share of what it would be: inside a deep cup, which
     three or four lamps reach, one normal in twenty was off by 24° and more there, and stated errors held for 88 %.

@@ -59,6 +59,7 @@ def test_its_box_shows_through_render_what_it_shows_itself(recovered, aside):
     assert box_psnr(recovered, aside) > psnr(recovered, aside) - 1.0  # dB
 
 
+@pytest.mark.nightly
 def test_the_record_and_the_mesh_have_the_gloss_of_places(taken, tmp_path):
     """Also of a quick look, of 18 nodes."""
     import trimesh

@@ -31,6 +31,7 @@ def test_far_lamps_together_are_far_lamps_one_by_one():
         np.testing.assert_allclose(getattr(together, name), np.stack([part[one] for part in each]), atol=3e-5)
 
 
+@pytest.mark.nightly
 @pytest.mark.filterwarnings("ignore:exponent")  # the body under a coat darkens late
 def test_a_measurement_has_one_thread_of_blas_and_leaves_the_setting_as_it_was():
     """So its bits are the same however many cores there are; with more, threads mostly wait for each other."""

@@ -158,6 +158,7 @@ def test_one_seed_gives_the_same_bits_whatever_the_cores():
         assert np.array_equal(found[0].gloss, other.gloss)
 
 
+@pytest.mark.nightly
 def test_errors_of_places_are_about_those_that_there_are(taken, aside):
     """Of the surface on a lattice of 32 nodes; every pixel that shows one smooth part has an error."""
     found = hg.recover(taken.capture, replace(SETTINGS, steps=30, errors=True))
@@ -219,6 +220,7 @@ def test_an_interrupt_gives_what_there_is(taken):
     assert (found.distance < 0.0).any()
 
 
+@pytest.mark.by_night("0.75-False")
 @pytest.mark.by_night("0.45-True", "0.8-True")
 @pytest.mark.parametrize(("at", "lamps"), [(0.45, True), (0.8, True), (0.75, False)])
 def test_work_that_goes_on_ends_with_the_same_bits(taken, tmp_path, at, lamps):

@@ -109,6 +109,7 @@ def test_a_robe_colours_the_plate_that_it_lies_on():
     assert ends[0] == pytest.approx(ends[1], rel=0.03) and ends[1][1] > 2.0 * ends[1][0]
 
 
+@pytest.mark.nightly
 def test_cells_of_samples_without_weight_hold_no_matter(monkeypatch):
     """By rounding, a place may have density in a texel, and none of its elements: a centroid was 0/0 in such cells."""
     scene, kept = on_a_floor(paint(0.9, element="sphere"), paint(0.8)), matter_samples._kept

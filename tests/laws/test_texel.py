@@ -302,6 +302,7 @@ def test_matched_levels_pass_and_send_back_what_the_finest_does(extinction):
         assert found.mean() == pytest.approx(finest.mean(), rel=0.03)
 
 
+@pytest.mark.nightly
 def test_matched_levels_let_through_what_the_finest_does():
     """3 % of the mean light, on either side of the lamp, over random pairs that the scales were not fitted to."""
     through = replace(MATTER, alpha=0.12, beta=0.1, transmission=0.4, clearness=0.4)
