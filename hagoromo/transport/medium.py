@@ -412,7 +412,7 @@ class Medium:
 
     def brick_with_chart(self, box: UInt, brick: Int) -> UInt:
         """Number of a brick of a box in the grid of charts; 0 where the box has none, or the brick is not stored."""
-        return _shifted(self.chart_shift, box, dr.maximum(brick, 0))
+        return dr.select(brick >= 0, _shifted(self.chart_shift, box, brick), 0)
 
     def _optional(self, name: str) -> tuple[Any, Any]:
         """A grid that some boxes have (None: no box), and per box how its brick numbers differ there."""
