@@ -240,6 +240,14 @@ def test_a_texel_of_one_population_names_no_material_of_another_box(few_match_po
     assert np.array(elements[1].share).max() == 0.0
 
 
+def test_where_no_brick_is_stored_none_is_read_from_the_charts(few_match_points):
+    """After a box without a chart numbers in the grid of charts are lower: −1 was read outside of its memory."""
+    medium, jit = Medium([plain(size=6.0), quick_sheet(size=6.0)]), arrays()
+    shift = int(np.array(medium.chart_shift)[1])
+    found = medium.brick_with_chart(jit.UInt([1, 1, 1, 0]), jit.Int([-1, -shift, 3 - shift, 2]))
+    assert shift < 0 and np.array(found).tolist() == [0, 0, 3, 0]
+
+
 def test_sheets_closer_than_two_voxels_stay_apart(few_match_points):
     """Light through two full sheets 1.6 mm apart on voxels of 1 mm meets τ ρ of both: 5 % for steps at their faces."""
 
