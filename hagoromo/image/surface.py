@@ -152,8 +152,8 @@ class Surface:
             if key in RELIEFS:
                 _check_relief(key, texture, who)
             if self.traced_as_mesh:
-                why = "stretched" if self.emission is None else "with an emission"
-                raise InputError(f"{who} is a {self.shape} {why} and has a {key}: give a mesh with UVs")
+                what = f"stretched {self.shape}" if self.emission is None else f"{self.shape} with an emission"
+                raise InputError(f"{who} is a {what} and has a {key}: give a mesh with UVs")
             if self.optics:
                 raise InputError(f"{who} is {self.optics} and has a {key}: leave one of them out")
             if texture.of == "image" and self.shape == "mesh" and self.uv is None:

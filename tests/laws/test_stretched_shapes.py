@@ -69,6 +69,6 @@ def test_a_sheared_cylinder_is_no_exact_one():
 
 def test_images_on_a_stretched_sphere_ask_for_a_mesh():
     texture = hg.SurfaceTexture(np.full((4, 4, 3), 0.2, np.float32))
-    with pytest.raises(hg.InputError, match="is a sphere stretched and has a body_texture: give a mesh with UVs"):
+    with pytest.raises(hg.InputError, match="is a stretched sphere and has a body_texture: give a mesh with UVs"):
         hg.Surface(GREY, "sphere", pose=pose(AXES), body_texture=texture)
     hg.Surface(GREY, "sphere", pose=pose(np.full(3, 0.03)), body_texture=texture)
