@@ -110,12 +110,12 @@ class Levels:
                 self.before = self.shape
             begin = self.before.finer(self.sides[number]) if number and first == 0 else self.shape
             last = number == len(self.sides) - 1
+            own = part_of(progress, float(ends[number]), float(np.diff(ends)[number]), f"{self.sides[number]} nodes")
             if last and number and first == 0 and isinstance(begin, SurfaceShape):
-                begin = self._with_hollow(begin, steps)
+                begin, own = self._with_hollow(begin, steps, own)
             self.begin, self.descent = begin, self._descent(begin, last)
             if since is not None and first:
                 self.descent.random.bit_generator.state = json.loads(since.random)
-            own = part_of(progress, float(ends[number]), float(np.diff(ends)[number]), f"{self.sides[number]} nodes")
             softness, rate = LAST_SOFTNESS if last else SOFTNESS, self.descent.moves.rates[min(number, 1)]
 
             def kept(step: int, number: int = number) -> None:
@@ -136,28 +136,36 @@ class Levels:
         """Chunks of pixels of each step of a level."""
         return round(self.rays * max(1.0, side / RAYS_SIDE) ** 2) // CHUNK
 
-    def _with_hollow(self, begin: SurfaceShape, steps: int) -> SurfaceShape:
-        """The begin of the last level, with a hollow where photographs ask for one, see `hollows`."""
+    def _with_hollow(self, begin: SurfaceShape, steps: int, progress: Progress) -> tuple[SurfaceShape, Progress]:
+        """The begin of the last level, with a hollow where photographs ask for one, see `hollows`; and the progress of
+        what is left.
+        """
+        hollows = self._hollows(begin)
+        if not hollows:
+            return begin, progress
+        look, tried = FoundLook.of(self.look), []
+        share = TRIAL / (1.0 + TRIAL * (1 + len(hollows)))  # of the work of the level, that a trial takes
+        for number, shape in enumerate((begin, *hollows)):
+            self.look = look.of_views(self.views)
+            descent, chunks = self._descent(shape, True), self.chunks_of(self.sides[-1])
+            own = part_of(progress, number * share, share)
+            descent.run(max(round(TRIAL * steps), 1), chunks, SOFTNESS, descent.moves.rates[1], own)
+            tried.append((left_over(descent), shape.after(descent.field, descent.gloss), FoundLook.of(self.look)))
+        best = min(range(len(tried)), key=lambda k: tried[k][0])
+        if best and tried[best][0] <= LESS * tried[0][0]:
+            _, begin, look = tried[best]
+        self.look = look.of_views(self.views)
+        return begin, part_of(progress, len(tried) * share, 1.0 - len(tried) * share)
+
+    def _hollows(self, begin: SurfaceShape) -> list[SurfaceShape]:
+        """The begin of the last level with walls of each thickness where it is badly explained."""
         if not any(view.photograph.lamps for view in self.views):
-            return begin
-        look, seen = FoundLook.of(self.look), self._descent(begin, True)
+            return []
+        seen = self._descent(begin, True)
         seen.rendering.softness = SOFTNESS[1]
         seen.find_between()
         bad = explained_badly(seen)
-        hollows = [each for each in (hollowed(begin, bad, wall) for wall in WALLS) if each is not None]
-        tried = []
-        for shape in (begin, *hollows) if hollows else ():
-            self.look = look.of_views(self.views)
-            descent = self._descent(shape, True)
-            chunks = self.chunks_of(self.sides[-1])
-            descent.run(max(round(TRIAL * steps), 1), chunks, SOFTNESS, descent.moves.rates[1])
-            tried.append((left_over(descent), shape.after(descent.field, descent.gloss), FoundLook.of(self.look)))
-        best = min(range(len(tried)), key=lambda k: tried[k][0], default=0)
-        if best == 0 or tried[best][0] > LESS * tried[0][0]:
-            self.look = look.of_views(self.views)
-            return begin
-        self.look = tried[best][2].of_views(self.views)
-        return tried[best][1]
+        return [each for each in (hollowed(begin, bad, wall) for wall in WALLS) if each is not None]
 
     def _descent(self, begin: MatterShape, last: bool) -> Descent:
         """The descent of a level."""
