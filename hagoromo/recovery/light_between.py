@@ -14,11 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.backend import Array3f, Float, UInt, arrays, lookup, vectors
-from hagoromo.recovery.lamp_table import LampTable
 from hagoromo.recovery.matter_field import COLOURS
 from hagoromo.recovery.matter_march import LatticeRays
 from hagoromo.recovery.object_sky import INSIDE, ObjectSky, Unlit
-from hagoromo.recovery.shading import NodeShading
 from hagoromo.transport.field.solve import accelerated
 
 if TYPE_CHECKING:
@@ -120,11 +118,8 @@ def _of_all_orders(sky: ObjectSky, once: Array, albedo: Array) -> Array:
 
 def share_between(recovered: Recovered) -> Array:
     """(n,) share of the light of places of a surface that comes from other parts, the sums over its photographs."""
-    table = LampTable(recovered.photographs, recovered.lattice)
-    own = recovered.rendering
-    shading = NodeShading(table, recovered.gloss)
-    rendering = type(own)(own.field, shading, own.softness, own.shadows)
-    light = arriving(rendering, len(recovered.photographs), recovered.dim, sky_of(own))
+    rendering = recovered.rendering.under(recovered.photographs, recovered.lattice)
+    light = arriving(rendering, len(recovered.photographs), recovered.dim, sky_of(rendering))
     lamps, between = (each.sum(axis=(1, 2)) for each in light)
     return between / np.maximum(lamps + between, 1e-30)
 

@@ -149,7 +149,7 @@ class Rendering:
 
     def picture(self, photograph: Photograph, lattice: Lattice) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Light (h, w, 3) that a camera sees under the lamps of `photograph`, and the opacity (h, w) there."""
-        shown = self._of(photograph, lattice)
+        shown = self.under([photograph], lattice)
         if self.albedo is not None and shown.shading.lamps.each:
             self._sky = self._sky or sky_of(self)
             shown.between = light_between(shown, 1, self.albedo, self._sky)
@@ -172,16 +172,18 @@ class Rendering:
     def _places(self, photograph: Photograph, lattice: Lattice) -> tuple[Array3f, NDArray[np.float32]]:
         """Places of the lattice that the pixels of a camera see, and the opacity (h, w) there."""
         drawn = whole_picture(photograph, lattice)
-        light = Rendering(self.field, self._of(photograph, lattice).shading, self.softness, shadows=False).light(drawn)
+        light = Rendering(self.field, self.under([photograph], lattice).shading, self.softness, shadows=False).light(
+            drawn
+        )
         place = dr.fma(drawn.rays.direction, light.seen.way, drawn.rays.origin)
         return place, light.opacity.reshape(photograph.camera.height, photograph.camera.width)
 
-    def _of(self, photograph: Photograph, lattice: Lattice) -> Rendering:
-        """The same matter under the lamps of a photograph."""
+    def under(self, photographs: Sequence[Photograph], lattice: Lattice) -> Rendering:
+        """The same matter under the lamps of photographs, without light between its parts."""
         unknown = self.shading.unknown
-        light = None if unknown is None else unknown.of([photograph])
-        shading = NodeShading(LampTable([photograph], lattice), np.array(self.shading.gloss), light, self.field.element)
-        return Rendering(self.field, shading, self.softness, self.shadows)
+        light = None if unknown is None else unknown.of(photographs)
+        table, gloss = LampTable(photographs, lattice), np.array(self.shading.gloss)
+        return Rendering(self.field, NodeShading(table, gloss, light, self.field.element), self.softness, self.shadows)
 
 
 def whole_picture(photograph: Photograph, lattice: Lattice) -> Drawn:
