@@ -1,5 +1,5 @@
-"""First look: what unknown light is fixed to, by how much all cameras turn, whether the matter has a surface, and
-whether its gloss differs from place to place, and whether parts of it light each other.
+"""First look: what unknown light is fixed to, by how much all cameras turn, whether the matter has a surface, whether
+its gloss differs from place to place, and whether parts of it light each other.
 
 Each kind of light, law of matter, kind of gloss and orders of light recovers the object on a coarse lattice from a part
 of the photographs; the one that predicts the others best is taken. Photographs that the user keeps aside take no part.
@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, TypeAlias, get_args
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, get_args
 
 import numpy as np
 
-from hagoromo.recovery.choices import AUTO, FoundMatter, Gloss, Law, Light, Orders, parts_of
+from hagoromo.recovery.choices import AUTO, FoundMatter, Law, Light, parts_of
 from hagoromo.recovery.given import kept_aside
 from hagoromo.recovery.look import FoundLook
 from hagoromo.recovery.object_view import ObjectView
@@ -26,9 +26,18 @@ KINDS: tuple[Light, ...] = ("even", "object", "camera")
 SIDE = 48  # nodes along the longest edge
 KEEP = 5  # every how many photographs one judges
 FUZZY_BETTER = 0.5  # dB by which matter without a surface must predict better than a surface
-PLACES_BETTER = 0.1  # dB by which a gloss that differs from place to place must predict better than one gloss
-ALL_BETTER = 0.1  # dB by which light of all orders must predict better than that of the first
 BETTER = 0.2  # dB by which a light that depends on the normal, or a turn of the cameras, must predict better than none
+
+
+class Trial(NamedTuple):
+    """What is tried of a surface: its usual kind, the other one, and dB by which that must predict better."""
+
+    usual: str
+    other: str
+    better: float
+
+
+TRIALS = {"gloss": Trial("one", "places", 0.1), "orders": Trial("first", "all", 0.1)}  # by field of `FoundMatter`
 
 
 def first_look(
@@ -63,18 +72,31 @@ def law_of(views: Sequence[ObjectView], coarse: Callable[[Views, Views, Law], Re
     return FoundMatter("fuzzy" if fuzzy else "surface", tried=tried)
 
 
-def gloss_of(views: Sequence[ObjectView], coarse: Callable[[Views, Views, Gloss], Recovered]) -> FoundMatter:
-    """Whether the gloss of a surface differs from place to place. coarse: recovers from used views and kept ones."""
-    tried = _tried(views, get_args(Gloss), coarse)
-    better = bool(tried) and tried["places"] >= tried["one"] + PLACES_BETTER
-    return FoundMatter("surface", "places" if better else "one", gloss_tried=tried)
+def tried_on_surface(
+    name: str,
+    views: Sequence[ObjectView],
+    found: FoundMatter,
+    look: FoundLook,
+    coarse: Callable[[Views, Views, FoundMatter, FoundLook], Recovered],
+) -> FoundMatter:
+    """`found` with the kind of `name`, of TRIALS, that predicts kept views better, and what both predict.
+
+    coarse: recovers from used views and kept ones, by a kind of matter, beside what is estimated in `look`.
+    """
+
+    def recovered(used: Views, kept: Views, kind: str) -> Recovered:
+        return coarse(used, kept, _with_kind(found, name, kind), look)
+
+    trial = TRIALS[name]
+    tried = _tried(views, (trial.usual, trial.other), recovered)
+    better = bool(tried) and tried[trial.other] >= tried[trial.usual] + trial.better
+    return _with_kind(found, name, trial.other if better else trial.usual, tried)
 
 
-def orders_of(views: Sequence[ObjectView], coarse: Callable[[Views, Views, Orders], Recovered]) -> FoundMatter:
-    """Whether parts of a surface light each other. coarse: recovers from used views and kept ones."""
-    tried = _tried(views, get_args(Orders), coarse)
-    better = bool(tried) and tried["all"] >= tried["first"] + ALL_BETTER
-    return FoundMatter("surface", orders="all" if better else "first", orders_tried=tried)
+def _with_kind(found: FoundMatter, name: str, kind: str, tried: dict[str, float] | None = None) -> FoundMatter:
+    """`found` with another kind of `name`, and PSNR [dB] of each that was tried."""
+    changed: dict[str, Any] = {name: kind} | ({} if tried is None else {f"{name}_tried": tried})
+    return replace(found, **changed)
 
 
 def _tried(

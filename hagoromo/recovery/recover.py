@@ -29,7 +29,7 @@ from hagoromo.recovery.choices import (
 from hagoromo.recovery.colour_unit import colour_unit, counted_back, counted_in
 from hagoromo.recovery.errors import errors_of
 from hagoromo.recovery.evidence import evidence_of, feigned, slopes_in
-from hagoromo.recovery.first_look import SIDE, Views, first_look, gloss_of, law_of, orders_of
+from hagoromo.recovery.first_look import SIDE, TRIALS, Views, first_look, law_of, tried_on_surface
 from hagoromo.recovery.fuzzy_shape import FuzzyShape
 from hagoromo.recovery.given import LEAST_VIEWS, check_lamps, check_not_cut, checked, kept_aside, with_light
 from hagoromo.recovery.hull import box_of, check_all_show_it, hull_distance, outlines_of, without_crumbs
@@ -190,16 +190,15 @@ def _first_looks(
 ) -> tuple[FoundMatter, Look, RecoveryRun]:
     """The law of the matter, what is estimated beside the object, and the run of what is left to be done."""
     coarse = replace(settings, side=min(SIDE, settings.side), errors=False)
-    matter = FoundMatter(
+    work = run.work
+    matter = work.found.matter or FoundMatter(
         "fuzzy" if settings.matter == "fuzzy" else "surface",
         "places" if settings.gloss == "places" else "one",
         "all" if settings.orders == "all" else "first",
     )
-    work = run.work
     known = work.found.look or FoundLook(parts_of(settings.refine))
-    glosses = settings.gloss == AUTO and lit and settings.matter != "fuzzy"
-    orders = settings.orders == AUTO and lit and settings.matter != "fuzzy"
-    looks = (not lit) + (settings.matter == AUTO) + glosses + orders
+    trials = [name for name in TRIALS if getattr(settings, name) == AUTO and lit and settings.matter != "fuzzy"]
+    looks = (not lit) + (settings.matter == AUTO) + len(trials)
 
     def looked_at(number: int) -> Callable[..., Recovered]:
         own = run.part(LOOK_SHARE * number, LOOK_SHARE, "first look")
@@ -226,21 +225,13 @@ def _first_looks(
 
             tried = law_of(used, by_law)
             kept = matter if tried.law == "surface" else FoundMatter("fuzzy")
-            work.keep(matter=replace(kept, tried=tried.tried))
-        matter = work.found.matter or matter
+            matter = replace(kept, tried=tried.tried)
+            work.keep(matter=matter)
         known = known if matter.law == "surface" else FoundLook(known.parts, cameras=known.cameras)
-    if glosses and matter.law == "surface":
-        if not matter.gloss_tried:
-            third, start, before = looked_at(looks - 1 - orders), known, matter
-            tried = gloss_of(used, lambda a, b, gloss: third(a, b, replace(before, gloss=gloss), start))
-            work.keep(matter=replace(before, gloss=tried.gloss, gloss_tried=tried.gloss_tried))
-        matter = work.found.matter or matter
-    if orders and matter.law == "surface":
-        if not matter.orders_tried:
-            last, start, before = looked_at(looks - 1), known, matter
-            tried = orders_of(used, lambda a, b, orders: last(a, b, replace(before, orders=orders), start))
-            work.keep(matter=replace(before, orders=tried.orders, orders_tried=tried.orders_tried))
-        matter = work.found.matter or matter
+    for number, name in enumerate(trials, looks - len(trials)):
+        if matter.law == "surface" and not getattr(matter, f"{name}_tried"):
+            matter = tried_on_surface(name, used, matter, known, looked_at(number))
+            work.keep(matter=matter)
     return matter, known.of_views(used), run.part(LOOK_SHARE * looks, 1.0 - LOOK_SHARE * looks)
 
 
