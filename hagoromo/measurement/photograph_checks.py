@@ -52,10 +52,11 @@ def linearity_of(capture: Capture) -> Exponent | None:
         known = np.isfinite(points).all(axis=1)
         rows, columns, points = rows[known], columns[known], points[known]
     lit = [towards(shot, points) for shot in shots]
-    values = [_grey(shot, rows, columns) / falloff for shot, (_, falloff) in zip(shots, lit, strict=True)]
+    greys = [_grey(shot, rows, columns) for shot in shots]
+    values = [grey / falloff for grey, (_, falloff) in zip(greys, lit, strict=True)]
     to_lamp = [np.broadcast_to(to, (len(rows), 3)) for to, _ in lit]
     errors = [np.sqrt(shot.variance[rows, columns].astype(np.float64).sum(axis=1)) / lamp_light(shot) for shot in shots]
-    seen = shows(np.stack([_grey(shot, rows, columns) for shot in shots]), np.stack(errors))
+    seen = shows(np.stack(greys), np.stack(errors))
     to_eye = -shots[0].camera.unproject(np.stack([columns, rows], axis=1) + 0.5)
     return exponent_of(np.stack(values)[:, seen], np.stack(to_lamp)[:, seen], to_eye[seen])
 
@@ -94,7 +95,7 @@ def unfit(capture: Capture) -> str:
 
 def near(capture: Capture) -> bool:
     """Whether the light of a lamp differs over the object by where the lamp stands."""
-    return any(shot.lamps[0].to_lamp is None for shot in capture.photographs)
+    return any(shot.lamps[0].near for shot in capture.photographs)
 
 
 def _plane_is_known(shot: Photograph) -> bool:
