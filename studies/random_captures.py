@@ -20,10 +20,10 @@ from typing import Any
 import numpy as np
 import tyro
 from numpy.typing import NDArray
-from scipy import ndimage
 from scipy.stats import chi2
 
 import hagoromo as hg
+from studies import mistakes
 from studies.table import print_table
 
 Array = NDArray[Any]
@@ -53,10 +53,7 @@ def random_scene(seed: int) -> str:
         size = random.uniform(0.03, 0.045) if k == 0 else random.uniform(0.008, 0.018)
         parts.append(_thing(random, f"thing {k}", str(random.choice(SHAPES)), place, float(size)))
     if random.random() < 0.4:
-        wall = (
-            'name = "wall"\nshape = "rectangle"\nposition = [0.0, 0.06, 0.0]\nrotation_deg = [90, 0, 0]\nscale = 0.3\n'
-        )
-        parts.append(f"[[surface]]\n{wall}{_reflectance(random)}")
+        parts.append(f"[[surface]]\n{WALL}{_reflectance(random)}")
     widest, count = random.choice([35.0, 60.0]), int(random.integers(5, 21))
     parts += [_lamp(random, k, widest) for k in range(count)]
     return "\n".join(parts)
@@ -147,97 +144,64 @@ def normals_held(capture: hg.Capture, measurement: hg.Measurement) -> dict[str, 
     }
 
 
-Mistake = Callable[[hg.Capture, np.random.Generator], hg.Capture]
+def drawn_two(capture: hg.Capture, random: np.random.Generator) -> tuple[int, int]:
+    """Numbers of two photographs."""
+    first, second = random.choice(len(capture.photographs), 2, replace=False).tolist()
+    return first, second
 
 
 def swapped(capture: hg.Capture, random: np.random.Generator) -> hg.Capture:
-    """Two photographs in each other's place."""
-    shots = list(capture.photographs)
-    i, k = random.choice(len(shots), 2, replace=False)
-    shots[i], shots[k] = replace(shots[i], lamps=shots[k].lamps), replace(shots[k], lamps=shots[i].lamps)
-    return replace(capture, photographs=tuple(shots))
+    """Two photographs with one another's lamps."""
+    return mistakes.exchanged(capture, *drawn_two(capture, random))
 
 
 def direction(capture: hg.Capture, random: np.random.Generator) -> hg.Capture:
     """A lamp 8° beside where it is stated."""
-    return _of_one(capture, random, lambda p: replace(p, lamps=(_turned(p.lamps[0], random),)))
-
-
-def _turned(lamp: hg.Lamp, random: np.random.Generator) -> hg.Lamp:
-    place = np.asarray(lamp.position)
-    aside = np.cross(place, random.normal(size=3))
-    moved = place + np.tan(np.radians(8.0)) * np.linalg.norm(place) * aside / np.linalg.norm(aside)
-    return replace(lamp, position=moved * np.linalg.norm(place) / np.linalg.norm(moved))
+    number, seed = drawn_two(capture, random)
+    return mistakes.turned(capture, number, 8.0, seed)[0]
 
 
 def strength(capture: hg.Capture, random: np.random.Generator) -> hg.Capture:
     """A lamp that is 1.4 times as strong as stated."""
-    return _of_one(capture, random, lambda p: replace(p, values=1.4 * p.values, variance=1.96 * p.variance))
+    number, _ = drawn_two(capture, random)
+    return mistakes.with_shot(capture, number, lambda shot: mistakes.brighter(shot, 1.4))
 
 
 def encoded(capture: hg.Capture, random: np.random.Generator) -> hg.Capture:
     """Values as a screen takes them, stated to be linear."""
-    white = max(float(p.values.max()) for p in capture.photographs)
-
-    def curve(p: hg.Photograph) -> hg.Photograph:
-        linear = np.clip(p.values / white, 0.0, 1.0)
-        values = hg.srgb_encode(linear).astype(np.float32) / 255.0
-        slope = (hg.srgb_encode(np.clip(linear + 0.02, 0, 1)).astype(np.float32) / 255.0 - values) / 0.02
-        return replace(p, values=values, variance=(p.variance / white**2 * np.maximum(slope, 0.3) ** 2) + 1e-6)
-
-    return replace(capture, photographs=tuple(curve(p) for p in capture.photographs))
+    return mistakes.coded(capture)
 
 
 def moved(capture: hg.Capture, random: np.random.Generator) -> hg.Capture:
     """The object moved by 1.5 px before one photograph."""
-    by = 1.5 * np.array([np.cos(angle := random.uniform(0, 2 * np.pi)), np.sin(angle)])
-    return _of_one(
-        capture,
-        random,
-        lambda p: replace(p, values=ndimage.shift(p.values, (*by, 0.0), order=1, mode="nearest").astype(np.float32)),
-    )
+    number, _ = drawn_two(capture, random)
+    angle = random.uniform(0.0, 2.0 * np.pi)
+    return mistakes.moved(capture, number, 1.5 * float(np.cos(angle)), 1.5 * float(np.sin(angle)))
 
 
 def blurred(capture: hg.Capture, random: np.random.Generator) -> hg.Capture:
     """One photograph out of focus, by σ = 2.5 px."""
-    return _of_one(
-        capture,
-        random,
-        lambda p: replace(p, values=ndimage.gaussian_filter(p.values, (2.5, 2.5, 0.0)).astype(np.float32)),
-    )
+    return mistakes.blurred(capture, drawn_two(capture, random)[0], 2.5)
 
 
 def twice(capture: hg.Capture, random: np.random.Generator) -> hg.Capture:
     """One photograph in the place of another."""
-    shots = list(capture.photographs)
-    i, k = random.choice(len(shots), 2, replace=False)
-    shots[i] = replace(shots[k], lamps=shots[i].lamps, name=shots[i].name)
-    return replace(capture, photographs=tuple(shots))
+    return mistakes.twice(capture, *drawn_two(capture, random))
 
 
-def _of_one(
-    capture: hg.Capture, random: np.random.Generator, change: Callable[[hg.Photograph], hg.Photograph]
-) -> hg.Capture:
-    shots = list(capture.photographs)
-    k = int(random.integers(len(shots)))
-    shots[k] = change(shots[k])
-    return replace(capture, photographs=tuple(shots))
+MISTAKES: Mapping[Callable[[hg.Capture, np.random.Generator], hg.Capture], tuple[str, ...]] = {
+    swapped: ("order",),
+    direction: ("lamps",),
+    strength: ("strengths",),
+    encoded: ("transfer",),
+    moved: ("motion",),
+    blurred: ("blur",),
+    twice: ("order", "motion", "strengths"),
+}  # and the checks of which one should be doubtful
 
 
-MISTAKES: Mapping[str, tuple[Mistake, tuple[str, ...]]] = {  # and the checks of which one should be doubtful
-    "swapped": (swapped, ("order",)),
-    "direction": (direction, ("lamps",)),
-    "strength": (strength, ("strengths",)),
-    "encoded": (encoded, ("transfer",)),
-    "moved": (moved, ("motion",)),
-    "blurred": (blurred, ("blur",)),
-    "twice": (twice, ("order", "motion", "strengths")),
-}
-
-
-def row_of(seed: int, scene: Path) -> dict[str, Any]:
-    """What predictions of the capture of `scene` are off, with its shape and without."""
-    capture = hg.simulate(hg.load_scene(scene)[0])
+def row_of(seed: int, capture: hg.Capture) -> dict[str, Any]:
+    """What predictions of the capture of a seed are off, with its shape and without."""
     row: dict[str, Any] = {"seed": seed, "lamps": len(capture.photographs)}
     for kind, given in (("shape", capture), ("none", without_shape(capture))):
         try:
@@ -253,9 +217,9 @@ def row_of(seed: int, scene: Path) -> dict[str, Any]:
 def doubts(capture: hg.Capture, seed: int) -> dict[str, list[str]]:
     """Names of the checks that are doubtful, of the capture as it is ("right") and with each mistake."""
     said: dict[str, list[str]] = {"right": [one.name for one in hg.check_photographs(capture).doubtful]}
-    for name, (mistake, _) in MISTAKES.items():
-        changed = mistake(capture, np.random.default_rng([seed, len(name)]))
-        said[name] = [one.name for one in hg.check_photographs(changed).doubtful]
+    for number, mistake in enumerate(MISTAKES):
+        changed = mistake(capture, np.random.default_rng([seed, number]))
+        said[mistake.__name__] = [one.name for one in hg.check_photographs(changed).doubtful]
     return said
 
 
@@ -265,8 +229,9 @@ def studied(seeds: range, out: Path, with_errors: bool = True) -> list[dict[str,
     for seed in seeds:
         scene = out / f"scene_{seed}.toml"
         scene.write_text(random_scene(seed), encoding="utf-8")
-        row = row_of(seed, scene) if with_errors else {"seed": seed}
-        row["doubts"] = doubts(without_shape(hg.simulate(hg.load_scene(scene)[0])), seed)
+        capture = hg.simulate(scene)
+        row = row_of(seed, capture) if with_errors else {"seed": seed}
+        row["doubts"] = doubts(without_shape(capture), seed)
         rows.append(row)
         print(json.dumps(row), flush=True)
     return rows
@@ -295,10 +260,10 @@ def named(rows: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
     lines: list[tuple[str, ...]] = [
         ("none", "–", str(sum(bool(row["doubts"]["right"]) for row in rows)), str(len(rows)))
     ]
-    for mistake, (_, where) in MISTAKES.items():
-        said = [row["doubts"][mistake] for row in rows]
+    for mistake, where in MISTAKES.items():
+        said = [row["doubts"][mistake.__name__] for row in rows]
         right = sum(bool(set(where) & set(one)) for one in said)
-        lines.append((mistake, str(right), str(sum(map(bool, said))), str(len(said))))
+        lines.append((mistake.__name__, str(right), str(sum(map(bool, said))), str(len(said))))
     return lines
 
 

@@ -16,11 +16,12 @@ from hagoromo.measurement.health.health import NAMES, Health
 from hagoromo.measurement.health.lamps import FittedLamps
 from hagoromo.photograph.capture import load_capture
 from studies.closely import scene
+from studies.mistakes import blurred, coded, exchanged, masked, moved, turned, twice, under, uneven
 from studies.random_captures import direction, encoded, random_scene, strength, swapped, without_shape
 from tests.data import DATA, real_data
 from tests.inverse import simulated_relief
 from tests.inverse.simulated_relief import SimulatedRelief, dome, relief_camera, relief_capture
-from tests.inverse.simulated_vase import blurred, coded, exchanged, masked, moved, turned, twice, under, uneven, vase
+from tests.inverse.simulated_vase import vase
 
 TURN = np.arange(12)
 MISTAKES = {  # what is done; the check that finds it, and what it says
