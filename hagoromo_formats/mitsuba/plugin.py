@@ -35,7 +35,9 @@ COLOURS = ("body_colour", "interface_colour")
 def register() -> None:
     """Let Mitsuba know the BSDF `hagoromo` in the variant that it has, or in the package's own where it has none.
 
-    To be called once after every `mitsuba.set_variant`. `InputError` for scalar and polarised variants.
+    To be called once after every `mitsuba.set_variant`. Load scenes with `parallel=False`: threads that load parts of
+    one scene can wait for each other for ever where a plugin is written in Python (drjit issue 524). `InputError` for
+    scalar and polarised variants.
     """
     mi, _ = variant()
     _registered(mi.variant())
@@ -77,7 +79,9 @@ def _kind(name: str) -> Any:
             given = {key: props.get_unbounded_texture(key) for key in COLOURS if key in props}
             self.placed = {key: props.get_unbounded_texture(key) for key in PLACED if _is_texture(props, key)}
             made = _reflectance(props, {key: _largest(texture) for key, texture in (given | self.placed).items()})
-            self.colours = [given.get(key) or mi.load_dict(colour_of(getattr(made, key))) for key in COLOURS]
+            self.colours = [
+                given.get(key) or mi.load_dict(colour_of(getattr(made, key)), parallel=False) for key in COLOURS
+            ]
             self.numbers = {key: mi.Float(getattr(made, key)) for key in STATED}
             law = {key: mi.Float(value) for key, value in made.body_departures.items()}
             self.nu = GAUSSIAN if made.nu == GAUSSIAN else mi.Float(made.nu)

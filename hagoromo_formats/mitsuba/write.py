@@ -24,7 +24,8 @@ from hagoromo_formats.mitsuba.xml_text import VERSION, Element, plugin, text_of
 
 
 def write_mitsuba(scene: Scene, out: str | Path, force: bool = False) -> list[str]:
-    """Write a scene as a folder with scene.xml, for `mitsuba.load_file` after `hagoromo_formats.mitsuba.register()`.
+    """Write a scene as a folder with scene.xml, for `mitsuba.load_file` with `parallel=False`, after
+    `hagoromo_formats.mitsuba.register()`.
 
     Surfaces keep their reflectance, by the plugin `hagoromo`. Returns what is lost, a line each. `InputError` for a
     folder that is there, without `force`.
@@ -46,7 +47,7 @@ def load_into_mitsuba(scene: Scene) -> Any:
         threads = dr.thread_count()
         dr.set_thread_count(max(threads, 2))  # Mitsuba waits for ever where it reads an EXR with one, as on one core
         try:
-            return mi.load_file(str(folder / "scene.xml"))
+            return mi.load_file(str(folder / "scene.xml"), parallel=False)  # see `register`
         finally:
             dr.set_thread_count(threads)
 

@@ -89,9 +89,9 @@ def test_a_scene_with_images_is_loaded_where_kernels_have_one_thread(monkeypatch
     mi.set_variant(f"{backend.name()}_ad_mono")
     loaded, before = mi.load_file, dr.thread_count()
 
-    def load_file(path):
-        assert dr.thread_count() > 1
-        return loaded(path)
+    def load_file(path, parallel=True):
+        assert dr.thread_count() > 1 and not parallel
+        return loaded(path, parallel=parallel)
 
     monkeypatch.setattr(mi, "load_file", load_file)
     body = hg.SurfaceTexture(np.full((4, 4), 0.5))
@@ -189,7 +189,7 @@ def test_bitmaps_of_mitsuba_lie_here_as_there(tmp_path):
     (tmp_path / "scene.xml").write_text(text)
     assert hm.scene_from_mitsuba(tmp_path / "scene.xml", tmp_path / "here") == []
     scene = load_scene(tmp_path / "here" / "scene.toml")[0]
-    assert_same_radiance(scene, 256, load=lambda mi: mi.load_file(str(tmp_path / "scene.xml")))
+    assert_same_radiance(scene, 256, load=lambda mi: mi.load_file(str(tmp_path / "scene.xml"), parallel=False))
     turned = "<transform name='to_uv'><scale value='2'/></transform></texture>"
     (tmp_path / "scene.xml").write_text(text.replace(matt, matt.replace("</texture>", turned), 1).replace(matt, coat))
     lost = hm.scene_from_mitsuba(tmp_path / "scene.xml", tmp_path / "other")
@@ -335,7 +335,7 @@ def test_a_box_is_loaded_as_the_nearest_medium_and_says_what_is_lost(tmp_path):
     frame = hg.Camera(8, 6, (8, 8), (4, 3)).look_at((0, -3, 1.0), (0, 0, 0.3))
     lost = hm.write_mitsuba(hg.Scene(frame, (hg.Lamp(to_lamp=(0, -1, 1)),), (box,)), tmp_path / "there")
     assert len(lost) == 2 and "SGGX" in lost[0] and "extinction by direction" in lost[1]
-    (shape,) = backend.mitsuba().load_file(str(tmp_path / "there" / "scene.xml")).shapes()
+    (shape,) = backend.mitsuba().load_file(str(tmp_path / "there" / "scene.xml"), parallel=False).shapes()
     assert shape.interior_medium() is not None and np.allclose(box.corners().min(axis=0), np.array(shape.bbox().min))
 
 
