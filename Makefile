@@ -39,10 +39,10 @@ test: $(READY) ## style, types, layers, and every quick test: what .ci/run and t
 	$(BIN)/ruff format --check --quiet .
 	$(BIN)/pyrefly check $(QUIET)
 	$(BIN)/lint-imports --no-cache
-	$(BIN)/pytest -n 2 --dist worksteal -m "not slow and not nightly"
+	$(BIN)/pytest -n 2 --dist loadfile -m "not slow and not nightly"
 
 test-all: $(READY) ## every test that is not slow: those in a browser, with real data and of many seeds, too (every night)
-	$(BIN)/pytest -n 2 --dist worksteal -m "not slow"
+	$(BIN)/pytest -n 2 --dist loadfile -m "not slow"
 
 platforms: $(READY) ## types as on Windows and on macOS: a call that one of them lacks fails
 	$(BIN)/pyrefly check $(QUIET) --python-platform win32 $(PACKAGES)
@@ -63,7 +63,7 @@ mutants: $(READY) ## numbers of the laws are changed, 200 one at a time; lists w
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.mutants --out out/mutants.json
 
 test-slow: $(READY) ## the tests that take minutes
-	$(BIN)/pytest -n 2 --dist worksteal -m slow
+	$(BIN)/pytest -n 2 --dist loadfile -m slow
 
 docs: $(READY) ## the site, into out/docs/index.html, with the examples run; a dead link or an undocumented public name fails
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
@@ -128,4 +128,4 @@ lowest: ## the quick tests with the lowest versions that pyproject.toml allows, 
 	$(LOWEST)/bin/python $(INSTALL) --require-hashes -r packaging/lowest.txt
 	$(LOWEST)/bin/python $(INSTALL) $(OWN)
 	.ci/llvm $(LOWEST)/bin/python
-	$(LOWEST)/bin/pytest -n 2 --dist worksteal -m "not slow"
+	$(LOWEST)/bin/pytest -n 2 --dist loadfile -m "not slow"
