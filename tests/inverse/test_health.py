@@ -227,6 +227,11 @@ def test_mistakes_under_near_lamps_are_named(ball, mistake):
     assert checks[mistake.__name__] in [one.name for one in found.doubtful]
 
 
+def test_a_photograph_that_is_there_twice_is_named_under_near_lamps(ball):
+    found = examine(twice(ball, of=7)).health["order"]
+    assert found.state == "doubtful" and "are the same picture" in found.said
+
+
 def test_near_lamps_need_a_place_for_the_object(ball):
     here = tuple(replace(shot, camera=shot.camera.with_pose(np.eye(4))) for shot in ball.photographs)
     found = examine(replace(ball, photographs=here)).health["lamps"]

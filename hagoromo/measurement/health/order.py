@@ -114,14 +114,18 @@ def _shape_fault(shading: ShadingSample) -> float:
 
 
 def _same(shading: ShadingSample) -> tuple[str, str] | None:
-    """Two photographs that are alike though their lamps are not, and should differ: by the fit to all photographs."""
+    """Two photographs that are alike though their lamps are not, and should differ: by the fit to all photographs.
+
+    Pictures are compared as they were taken: divided by the light of two near lamps, one picture is two.
+    """
     seen = shading.usable.all(axis=0)
     seen = seen if np.count_nonzero(seen) >= 20 else shading.usable
     _, g = shading.fit()
-    expected = np.maximum(np.einsum("kpi,pi->kp", shading.to_lamp, g), 0.0)
+    expected = shading.light * np.maximum(np.einsum("kpi,pi->kp", shading.to_lamp, g), 0.0)
+    taken = shading.light * shading.values
     apart = shading.direction @ shading.direction.T < np.cos(np.radians(APART_DEG))
     apart &= _differences(np.where(seen, expected, 0.0)) > DIFFERS * SAME
-    alike = np.argwhere(np.triu(apart & (_differences(np.where(seen, shading.values, 0.0)) < SAME), 1))
+    alike = np.argwhere(np.triu(apart & (_differences(np.where(seen, taken, 0.0)) < SAME), 1))
     return None if not len(alike) else (shading.names[alike[0][0]], shading.names[alike[0][1]])
 
 
