@@ -14,6 +14,8 @@ import hagoromo as hg
 
 Change = Callable[[hg.Photograph], hg.Photograph]
 DARKEST = 0.02  # of the largest value, below which errors grow no further with the slope of a curve
+FLATTEST = 0.3  # slope of sRGB's curve near white, where a difference ends at white
+ROUNDING = 1e-3  # error of values of 8 bits, of white
 
 
 def under(capture: hg.Capture, order: ArrayLike) -> hg.Capture:
@@ -62,6 +64,22 @@ def coded(capture: hg.Capture, power: float = 1.0 / 2.2) -> hg.Capture:
         slope = power * np.maximum(share, DARKEST) ** (power - 1.0)
         values, variance = top * share**power, shot.variance * slope**2
         return replace(shot, values=values.astype(np.float32), variance=variance.astype(np.float32))
+
+    return _each(capture, curve)
+
+
+def displayed(capture: hg.Capture) -> hg.Capture:
+    """Values as a screen takes them (sRGB), of the largest as white, with their errors: by differences of DARKEST."""
+    top = max(float(np.nanmax(shot.values)) for shot in capture.photographs)
+
+    def sent(share: NDArray[Any]) -> NDArray[np.float32]:
+        return hg.srgb_encode(np.clip(share, 0.0, 1.0)).astype(np.float32) / 255.0
+
+    def curve(_: int, shot: hg.Photograph) -> hg.Photograph:
+        share = np.clip(shot.values / top, 0.0, 1.0)
+        values = sent(share)
+        slope = np.maximum((sent(share + DARKEST) - values) / DARKEST, FLATTEST)
+        return replace(shot, values=values, variance=shot.variance / top**2 * slope**2 + ROUNDING**2)
 
     return _each(capture, curve)
 

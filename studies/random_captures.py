@@ -169,7 +169,7 @@ def strength(capture: hg.Capture, random: np.random.Generator) -> hg.Capture:
 
 def encoded(capture: hg.Capture, random: np.random.Generator) -> hg.Capture:
     """Values as a screen takes them, stated to be linear."""
-    return mistakes.coded(capture)
+    return mistakes.displayed(capture)
 
 
 def moved(capture: hg.Capture, random: np.random.Generator) -> hg.Capture:
