@@ -122,10 +122,9 @@ def _same(shading: ShadingSample) -> tuple[str, str] | None:
     seen = seen if np.count_nonzero(seen) >= 20 else shading.usable
     _, g = shading.fit()
     expected = shading.light * np.maximum(np.einsum("kpi,pi->kp", shading.to_lamp, g), 0.0)
-    taken = shading.light * shading.values
     apart = shading.direction @ shading.direction.T < np.cos(np.radians(APART_DEG))
     apart &= _differences(np.where(seen, expected, 0.0)) > DIFFERS * SAME
-    alike = np.argwhere(np.triu(apart & (_differences(np.where(seen, taken, 0.0)) < SAME), 1))
+    alike = np.argwhere(np.triu(apart & (_differences(np.where(seen, shading.taken, 0.0)) < SAME), 1))
     return None if not len(alike) else (shading.names[alike[0][0]], shading.names[alike[0][1]])
 
 

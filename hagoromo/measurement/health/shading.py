@@ -62,9 +62,14 @@ class ShadingSample:
         mean = self.to_lamp.mean(axis=1)
         return mean / np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-300)
 
+    @property
+    def taken(self) -> Array:
+        """(K, P) the photographs as they were taken, not divided by the light of their lamps."""
+        return self.values * self.light
+
     def arranged(self, order: NDArray[np.integer]) -> ShadingSample:
         """The sample as if each photograph had been taken under the lamp that `order` (K,) gives it."""
-        values = self.values * self.light / self.light[order]
+        values = self.taken / self.light[order]
         return replace(self, values=values, to_lamp=self.to_lamp[order], light=self.light[order])
 
     def turned(self, lamp: int, direction: Array) -> ShadingSample:
