@@ -5,6 +5,7 @@ READY := .venv/ready
 PEERS := .venv/peers
 LOWEST := .venv/lowest
 TOOLS := .venv/pins
+TWO := -n 2 --dist loadfile# two processes; tests of one file share its fixtures
 INSTALL := -m pip install --quiet --disable-pip-version-check --only-binary=:all:
 QUIET := --output-format min-text --min-severity error
 PACKAGES := hagoromo hagoromo_formats hagoromo_matter hagoromo_page hagoromo_start
@@ -39,10 +40,10 @@ test: $(READY) ## style, types, layers, and every quick test: what .ci/run and t
 	$(BIN)/ruff format --check --quiet .
 	$(BIN)/pyrefly check $(QUIET)
 	$(BIN)/lint-imports --no-cache
-	$(BIN)/pytest -n 2 --dist loadfile -m "not slow and not nightly"
+	$(BIN)/pytest $(TWO) -m "not slow and not nightly"
 
 test-all: $(READY) ## every test that is not slow: those in a browser, with real data and of many seeds, too (every night)
-	$(BIN)/pytest -n 2 --dist loadfile -m "not slow"
+	$(BIN)/pytest $(TWO) -m "not slow"
 
 platforms: $(READY) ## types as on Windows and on macOS: a call that one of them lacks fails
 	$(BIN)/pyrefly check $(QUIET) --python-platform win32 $(PACKAGES)
@@ -63,7 +64,7 @@ mutants: $(READY) ## numbers of the laws are changed, 200 one at a time; lists w
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.mutants --out out/mutants.json
 
 test-slow: $(READY) ## the tests that take minutes
-	$(BIN)/pytest -n 2 --dist loadfile -m slow
+	$(BIN)/pytest $(TWO) -m slow
 
 docs: $(READY) ## the site, into out/docs/index.html, with the examples run; a dead link or an undocumented public name fails
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
@@ -128,4 +129,4 @@ lowest: ## the quick tests with the lowest versions that pyproject.toml allows, 
 	$(LOWEST)/bin/python $(INSTALL) --require-hashes -r packaging/lowest.txt
 	$(LOWEST)/bin/python $(INSTALL) $(OWN)
 	.ci/llvm $(LOWEST)/bin/python
-	$(LOWEST)/bin/pytest -n 2 --dist loadfile -m "not slow"
+	$(LOWEST)/bin/pytest $(TWO) -m "not slow"
