@@ -189,7 +189,7 @@ def test_bitmaps_of_mitsuba_lie_here_as_there(tmp_path):
     (tmp_path / "scene.xml").write_text(text)
     assert hm.scene_from_mitsuba(tmp_path / "scene.xml", tmp_path / "here") == []
     scene = load_scene(tmp_path / "here" / "scene.toml")[0]
-    assert_same_radiance(scene, 256, load=lambda mi: mi.load_file(str(tmp_path / "scene.xml"), parallel=False))
+    assert_same_radiance(scene, 256, load=lambda mi: mi.load_file(str(tmp_path / "scene.xml")))
     turned = "<transform name='to_uv'><scale value='2'/></transform></texture>"
     (tmp_path / "scene.xml").write_text(text.replace(matt, matt.replace("</texture>", turned), 1).replace(matt, coat))
     lost = hm.scene_from_mitsuba(tmp_path / "scene.xml", tmp_path / "other")
