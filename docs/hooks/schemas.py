@@ -106,7 +106,8 @@ def _anchor(name: str) -> str:
 
 
 def _cell(text: str) -> str:
-    return text.replace("|", "\\|").replace("\n", " ")
+    """Text in a cell of a table; a unit in brackets after a list in brackets is no link."""
+    return text.replace("|", "\\|").replace("[", "\\[").replace("\n", " ")
 
 
 @cache
