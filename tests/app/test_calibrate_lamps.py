@@ -55,6 +55,7 @@ def calibrate(folder, out, photographs, masks, *options):
     return record, [lamp_from_record(lamp, folder, "lamps.json") for lamp in record["lamps"]]
 
 
+@pytest.mark.nightly
 @pytest.mark.by_night("two balls")
 @pytest.mark.parametrize("way", ["two balls", "a moved ball"])
 def test_near_lamps_are_written_as_a_capture_lists_them(shot, tmp_path, capsys, way):

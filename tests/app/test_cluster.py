@@ -108,6 +108,7 @@ def test_a_killed_worker_loses_nothing(slab, cluster, monkeypatch):
     assert bits(tiled) == bits(hg.render(slab))
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("mode", "more"),
     [
@@ -306,6 +307,7 @@ def test_a_box_of_parts_has_the_bytes_of_one_machine(cluster, address, tmp_path,
     assert len(parts) > 6 and len(one) > 20 and one == many
 
 
+@pytest.mark.nightly
 def test_tiles_of_a_measurement_have_the_bits_of_one_machine(cluster, tmp_path, monkeypatch):
     """A picture of two tiles, with everything that they share, and normals that are smoothed over both; the scratch
     folder is left empty.

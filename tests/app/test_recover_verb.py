@@ -64,6 +64,7 @@ def test_an_interrupt_writes_what_there_is_and_says_so(capture, tmp_path, monkey
     assert not json.loads(out.with_suffix(".json").read_text())["complete"]
 
 
+@pytest.mark.nightly
 def test_work_goes_on_where_it_was_interrupted(capture, tmp_path, monkeypatch, capsys):
     out, many = tmp_path / "part.zarr", ["--side", "16", "--steps", "40", "--no-errors"]
     with monkeypatch.context() as patch:

@@ -44,7 +44,7 @@ def command(*arguments: object) -> list[str]:
     return [sys.executable, "-m", "hagoromo", *map(str, arguments)]
 
 
-@pytest.mark.by_night("cv2-1")
+@pytest.mark.by_night("numpy-15", "cv2-1")
 @pytest.mark.parametrize(
     ("module", "number"),
     [("tyro", signal.SIGINT), ("numpy", signal.SIGTERM), ("cv2", signal.SIGHUP), ("filelock", signal.SIGINT)],
@@ -128,6 +128,7 @@ def test_a_reader_that_has_read_enough_ends_a_command_quietly(cameras):
     os.close(writing)
 
 
+@pytest.mark.nightly
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no system but Linux has a disk that is always full")
 def test_a_full_disk_behind_the_standard_output_is_one_line(cameras):
     with open("/dev/full", "w") as full:
@@ -144,6 +145,7 @@ def test_a_closed_standard_output_is_no_fault(cameras):
     assert sorted(os.listdir(cameras.parent)) == ["c.yml", "d.json"]
 
 
+@pytest.mark.nightly
 def test_a_closed_standard_error_is_no_fault(cameras):
     """Neither progress nor messages have a place; those for people do not go to the output for programs."""
     ended = subprocess.run(

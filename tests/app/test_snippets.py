@@ -65,7 +65,7 @@ def test_the_readme_has_a_snippet():
     assert ROOT / "README.md" in PAGES
 
 
-@pytest.mark.by_night("docs/howto/appearance_researcher.md")
+@pytest.mark.by_night(*(f"docs/howto/{name}.md" for name in ("appearance_researcher", "derivatives", "recover")))
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
 def test_the_snippets_of_a_page_run(page, home, monkeypatch):
     monkeypatch.chdir(home)

@@ -306,6 +306,7 @@ def test_a_scene_that_is_wrong_is_refused_before_anything_is_served(refused, sce
     assert "alpha" in refused("view", scene("alpha = 0.2", "alpha = -2"))
 
 
+@pytest.mark.nightly
 def test_a_viewer_ends_in_one_line(scene):
     pytest.importorskip("viser", reason="viser is not installed")
     command = [sys.executable, "-c", STARTED, "view", str(scene())]

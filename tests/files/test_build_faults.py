@@ -108,6 +108,7 @@ def test_a_build_cut_off_leaves_no_box_and_goes_on_where_it_stopped(recipe, tmp_
     assert_whole(tmp_path / "ball.zarr", recipe)
 
 
+@pytest.mark.by_night("None-axis/c/0/0/1/0", "-density/c/0/0/0", "-axis/c/0/0/1/0")
 @pytest.mark.parametrize("lost", ["density/c/0/0/0", "axis/c/0/0/1/0"])
 @pytest.mark.parametrize("left", [None, b""])
 def test_a_chunk_lost_from_the_work_is_made_again(recipe, tmp_path, written, lost, left):
@@ -195,6 +196,7 @@ def test_a_killed_build_is_taken_up_and_its_lock_with_it(recipe, tmp_path, writt
     assert_whole(path, recipe)
 
 
+@pytest.mark.nightly
 def test_of_two_processes_that_build_one_box_the_second_is_refused(recipe, tmp_path):
     path = tmp_path / "ball.zarr"
     process = _started(recipe, path)

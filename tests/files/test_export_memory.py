@@ -67,6 +67,7 @@ def sheet(layers: int) -> VolumeBox:
     return VolumeBox.from_arrays(density, axis, 1e-3, 100.0, [GREY])
 
 
+@pytest.mark.by_night(".nrrd", ".vti")
 @pytest.mark.parametrize("suffix", [".vdb", ".nrrd", ".vti", ".vol"])
 def test_memory_of_an_export_does_not_grow_with_the_lattice(tmp_path, suffix):
     """Peaks of what NumPy and Python take: those of twice as many voxels are a tenth more at most."""

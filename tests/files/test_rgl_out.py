@@ -64,6 +64,7 @@ def seen(mi, path, lamp, eye, wavelengths) -> np.ndarray:
     return np.array(plugin.eval(mi.BSDFContext(), at, mi.Vector3f(*eye.T.astype(np.float32)))).T
 
 
+@pytest.mark.by_night("paint", "silk", "chalk")
 @pytest.mark.parametrize("name", MATERIALS)
 def test_mitsuba_evaluates_the_table_as_the_closed_form(tmp_path, spectral, name):
     """Oracle: the written-out formula in float64. Tolerance: the figures in the docstring of `write_rgl`."""

@@ -261,6 +261,7 @@ def test_scratch_of_killed_processes_is_removed(tmp_path):
     assert names(tmp_path) == []
 
 
+@pytest.mark.nightly
 def test_cameras_on_a_full_disk_are_not_called_written(tmp_path):
     """OpenCV writes nothing and does not tell."""
     pytest.importorskip("resource")

@@ -132,6 +132,7 @@ def test_the_derivative_by_density_is_right(matter, depth, tolerance):
     assert off(passed, true_passed) < 1e-3
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("far_boxes", "lamps"),
     [

@@ -14,6 +14,7 @@ LAMPS = ((-20, 10), (20, 10), (0, -30))
 BODY = (0.2, 0.15, 0.1)
 
 
+@pytest.mark.by_night("4")
 @pytest.mark.parametrize("seed", range(6))
 def test_a_shadow_is_no_darker_body(seed):
     """Before, the bodies of such pixels came out between −0.1 and a half of the truth, with some seeds: whether a body

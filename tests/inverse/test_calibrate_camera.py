@@ -82,6 +82,7 @@ def test_a_board_photographed_through_a_known_lens_gives_the_lens_back(board):
     assert residual_plot(found).startswith(b"\x89PNG")
 
 
+@pytest.mark.nightly
 def test_a_charuco_board_seen_in_part_and_drawn_by_an_old_opencv_is_found():
     """Rows even: before OpenCV 4.6 such a board began with a white square. The image is cut through the board."""
     board = replace(CHARUCO, rows=5)
@@ -109,6 +110,7 @@ def test_the_rational_model_finds_a_lens_that_only_it_describes():
     assert poor.rms > 2 * found.rms and list(poor.standard_deviation) == list(NAMES[:4])
 
 
+@pytest.mark.nightly
 def test_corners_are_the_same_in_sixteen_linear_bits():
     """The same scene as light: to 0.05 px, the error of a corner; a camera's curve moves edges by less."""
     photographs = photographs_of(TRUE, BOARD)
@@ -119,6 +121,7 @@ def test_corners_are_the_same_in_sixteen_linear_bits():
         assert np.abs(one.image - other.image).mean() < 0.05
 
 
+@pytest.mark.nightly
 def test_square_pixels_have_one_focal_length():
     true = replace(TRUE, focal=(325.0, 325.0))
     found = calibrate_camera(photographs_of(true, BOARD), BOARD, square_pixels=True)
@@ -181,6 +184,7 @@ def test_what_makes_no_board_is_refused(figures, said):
     assert "\n" not in str(refused.value)
 
 
+@pytest.mark.nightly
 def test_a_calibration_has_the_same_bits_each_time():
     """With several threads OpenCV gave eight focal lengths in 25 runs, up to 4e-10 apart."""
     photographs, threads = photographs_of(TRUE, BOARD), cv2.getNumThreads()

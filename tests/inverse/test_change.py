@@ -75,6 +75,7 @@ def test_what_changed_is_found_where_it_did(changed, quantity, disc, truth):
     assert np.hypot(*(middle - disc[:2])) < 2.0 * pitch
 
 
+@pytest.mark.by_night("0.0012-2e-05", "0.0035-0.0001")
 @pytest.mark.parametrize(("radius", "depth"), [(0.0012, 1e-4), (0.0012, 2e-5), (0.0035, 1e-4)])
 def test_a_region_is_as_large_as_its_flake(radius, depth):
     """Neighbours help to decide, but do not differ themselves. The flake's edge is 0.3 mm wide, pixels are 0.4 mm."""

@@ -133,6 +133,7 @@ def test_response_is_calibrated_by_command(tmp_path, capsys):
         assert np.corrcoef(found.values[:, channel], true)[0, 1] > 0.97  # one lamp: the study's 10th percentile is 0.95
 
 
+@pytest.mark.nightly
 def test_a_photograph_that_is_not_linear_is_told(tmp_path, capsys):
     """A display curve of exponent 1/1.2; the chart's grey steps then differ from their spectra by some 10 %."""
     bent = 65535.0 * (photograph_of_chart() / 65535.0) ** (1.0 / 1.2)

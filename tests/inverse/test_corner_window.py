@@ -62,6 +62,7 @@ def errors(board: Board) -> np.ndarray:
     return np.array(found)
 
 
+@pytest.mark.nightly
 def test_a_board_that_is_cut_is_found_as_well_as_a_whole_one(cut):
     """To a twentieth of a pixel in the median, and no corner off by half a pixel; a wide window is drawn to the rim."""
     ours, wide = errors(BOARD), errors(Board(BOARD.columns, BOARD.rows, BOARD.square, window=11))

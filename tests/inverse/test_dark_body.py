@@ -72,6 +72,7 @@ def test_a_body_hidden_by_its_highlight_is_bounded(body, gamma, side, seed):
     assert not (dark and found.identifiable["alpha"])
 
 
+@pytest.mark.by_night("1")
 @pytest.mark.parametrize("seed", range(2))
 def test_an_interval_ends_where_a_body_comes_to_its_limit(seed):
     """Under a free index: χ² is flat until the body is black and rises steeply from there, between two points of the

@@ -59,6 +59,7 @@ def test_the_rule_is_unsure_at_an_edge_and_not_where_normals_turn_evenly():
     assert rule.max() == pytest.approx(BEND * 0.6 / 1000.0, rel=0.1)
 
 
+@pytest.mark.by_night("1000000.0")
 @pytest.mark.parametrize("stiffness", [0.0, 1e6])
 def test_stated_errors_of_depth_are_those_of_noise_on_a_ball(stiffness):
     """Oracle: noise is added to true normals, smoothed and integrated, many times."""

@@ -79,6 +79,7 @@ def test_a_texture_whose_fit_fails_is_remarked(monkeypatch):
     assert any("one colour was fitted to all: the fit of each pixel's body still moves" in r for r in material.remarks)
 
 
+@pytest.mark.nightly
 def test_pixels_whose_gloss_does_not_converge_are_counted(worn, monkeypatch):
     material = measure_known_shape(worn, labels=ALL, n=N).materials[0]
     monkeypatch.setattr(pixel_gloss, "PIXEL_GLOSS_STEPS", 0)
@@ -107,6 +108,7 @@ def test_normals_and_their_lamps_that_do_not_converge_are_remarked(glossy, monke
     assert any("the normal of" in remark and "did not converge" in remark for remark in material.remarks)
 
 
+@pytest.mark.nightly
 def test_most_normals_converge_within_their_steps(glossy):
     """Nine in ten: pixels at the limb, which few lamps light, may be left."""
     status = solve_normals(glossy, ALL).fit.pixel_status
@@ -122,6 +124,7 @@ def test_a_surface_under_near_lamps_that_still_moves_is_remarked(monkeypatch):
     assert any("the surface under near lamps did not converge after 1 steps" in remark for remark in remarks)
 
 
+@pytest.mark.nightly
 def test_a_near_lamp_that_does_not_converge_is_an_error(monkeypatch):
     pictures = [{"a": mirror_photograph([one], NEAR[0], k, 0.07, position=True)} for k, one in enumerate(balls())]
     readings = rays(pictures)[0]
@@ -143,6 +146,7 @@ def test_reweighting_that_still_moves_says_so(monkeypatch):
     assert robust_regression(design, values, tiles).status.status == Status.OUT_OF_STEPS
 
 
+@pytest.mark.nightly
 def test_lamps_from_an_object_say_which_fits_did_not_converge(monkeypatch):
     mask, normal, albedo = shaped("ball")
     shown = photographs(mask, normal, albedo, LAMPS, gloss=0.3)

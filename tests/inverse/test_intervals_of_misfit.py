@@ -89,6 +89,7 @@ def test_intervals_of_the_right_model_stay_as_they_are(monkeypatch):
     assert np.all(shift**2 < 0.21 * np.diag(solved.fit.covariance[0])[:2])
 
 
+@pytest.mark.nightly
 @pytest.mark.by_night("half-None", "half-1.5", "spike-None")
 @pytest.mark.parametrize("n", [1.5, None])
 @pytest.mark.parametrize("lobes", LOBES.values(), ids=LOBES)

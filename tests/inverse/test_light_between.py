@@ -120,6 +120,7 @@ def test_light_of_another_photograph_is_that_of_its_lamps(balls, first_and_all):
     np.testing.assert_allclose(found.picture(strong)[0], 2.0 * light, rtol=1e-3, atol=1e-5)
 
 
+@pytest.mark.nightly
 def test_a_ball_alone_is_recovered_as_by_the_first_order():
     """Nothing lights it but the lamps."""
 
@@ -135,6 +136,7 @@ def test_a_ball_alone_is_recovered_as_by_the_first_order():
     assert np.abs(both.colours - first.colours)[near].mean() < 0.005
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("at", [0.8, pytest.param(0.75, marks=pytest.mark.nightly)])
 def test_work_with_light_between_parts_goes_on_to_the_same_bits(balls, tmp_path, at):
     settings = hg.RecoverySettings(side=18, steps=42, rays=1 << 10, keep=0, errors=at < 0.8, orders="all")

@@ -135,6 +135,7 @@ def test_places_that_photographs_show_are_counted(recovered):
     assert recovered.evidence.photographs[recovered.distance > 4.0].sum() == 0
 
 
+@pytest.mark.nightly
 def test_without_lamps_colours_are_the_light_that_is_sent_out(taken):
     """Fixed light that nobody knows: the light of the object is then its colour, and the result says so."""
     dark = hg.Capture(tuple(replace(p, lamps=()) for p in taken.capture.photographs), "unlit")
@@ -143,6 +144,7 @@ def test_without_lamps_colours_are_the_light_that_is_sent_out(taken):
     assert found.box(40).materials[0].beta == 0.0
 
 
+@pytest.mark.nightly
 def test_one_seed_gives_the_same_bits_whatever_the_cores():
     """Gradients are summed in whole numbers, so it does not matter which core adds first."""
     capture = simulated(TrueObject(), shots(6, 5, 60, 1, pixels=32), 1).capture
@@ -249,6 +251,7 @@ def test_work_that_goes_on_ends_with_the_same_bits(taken, tmp_path, at, lamps):
         assert np.array_equal(resumed.errors.position, whole.errors.position, equal_nan=True)
 
 
+@pytest.mark.nightly
 def test_work_on_other_photographs_is_refused(taken, tmp_path):
     def stop(share, step=""):
         if share > 0.8:
@@ -402,6 +405,7 @@ def test_what_cannot_be_refined_is_one_line(taken):
         hg.recover(hg.Capture(unlit, "unlit"), replace(SETTINGS, refine="turn,exposure"))
 
 
+@pytest.mark.nightly
 def test_the_mean_factor_by_which_lamps_stand_farther_stays_as_stated(taken):
     """Eight lamps that stand still: whatever pixels say, the mean of shifts outwards over distances is 0."""
     capture = simulated(TrueObject(), standing(6, 8, 32), 1).capture

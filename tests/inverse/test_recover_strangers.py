@@ -81,6 +81,7 @@ def test_poses_of_all_that_are_wrong_are_said(taken, monkeypatch):
         hg.recover(misstated(taken, 0.5, 0.0).capture, QUICK)
 
 
+@pytest.mark.nightly
 def test_lamps_in_another_unit_change_nothing_but_the_unit_of_body_colours(taken, usual, aside):
     """Light is body colour times strength: the pictures are those of lamps in the usual unit."""
     weak, strong = (hg.recover(brighter(taken, factor).capture, QUICK) for factor in (0.02, 50.0))
@@ -92,6 +93,7 @@ def test_lamps_in_another_unit_change_nothing_but_the_unit_of_body_colours(taken
     assert weak.gamma == pytest.approx(strong.gamma, rel=1e-2)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("factor", "strengths"), [(1e3, False), (0.05, True), (100.0, True)], ids=["mm", "5 mm", "10 m"]
 )
@@ -104,6 +106,7 @@ def test_the_unit_of_length_and_the_size_of_the_object_change_nothing(taken, usu
     assert len(remarks) == (not strengths) and all("lamps are stated too weak or too far" in said for said in remarks)
 
 
+@pytest.mark.nightly
 @pytest.mark.by_night("16")
 @pytest.mark.parametrize("bits", [8, 16])
 def test_files_of_8_and_16_bits_give_the_same_object(taken, usual, aside, tmp_path, bits):
@@ -128,6 +131,7 @@ def test_photographs_of_noise_alone_end_in_one_line(taken):
         hg.recover(unlit(taken, lambda k: k > 1).capture, QUICK)
 
 
+@pytest.mark.nightly
 def test_a_box_whose_body_colours_are_more_than_all_light_is_dimmed_and_that_is_said(taken, usual, aside):
     found, seen = hg.recover(brighter(taken, 0.1).capture, QUICK), brighter(aside, 0.1)
     assert found.brightest > 2.0
@@ -148,6 +152,7 @@ def mixed_up_lamps(number, photograph):
 MIXED = {}  # lamps of others, by the number of a photograph
 
 
+@pytest.mark.nightly
 @pytest.mark.by_night("exposure")
 @pytest.mark.parametrize(
     ("change", "said"),
@@ -166,6 +171,7 @@ def test_photographs_of_another_exposure_or_lamp_are_named(change, said):
     assert len(remarks) == bool(said) and "".join(remarks).startswith(said)
 
 
+@pytest.mark.nightly
 def test_what_no_lamp_lights_has_no_stated_body_colour(taken):
     """All lamps stand on one side: what is behind is seen, and not lit."""
     axis = np.array([0.0, -0.8, 0.6])
@@ -182,6 +188,7 @@ def test_what_no_lamp_lights_has_no_stated_body_colour(taken):
     assert any("of the surface is lit in no photograph" in said for said in found.record()["remarks"])
 
 
+@pytest.mark.nightly
 @pytest.mark.by_night("2.2-0.1")
 @pytest.mark.parametrize(("beta", "gamma"), [(0.0, 0.1), (0.4, 0.5), (2.2, 0.1)])
 def test_an_object_without_gloss_is_called_matt_and_no_other(beta, gamma):

@@ -171,6 +171,7 @@ def test_smooth_tails_are_mapped_and_tails_beside_a_gloss_that_varies():
     tails_are_mapped(with_solved_gloss(views, fit), views, HALVES, 0.75)
 
 
+@pytest.mark.nightly
 @pytest.mark.by_night("1.0")
 @pytest.mark.parametrize("amount", [0.0, 1.0])
 def test_tails_that_are_alike_stay_one(amount):

@@ -48,7 +48,7 @@ def photograph(fault, lamp="D65", seed=0):
     return np.rint(65535.0 * np.clip(after(lit + noise), 0.0, 1.0)), exact
 
 
-@pytest.mark.by_night("none", "sRGB", "black", "clipped")
+@pytest.mark.by_night("none", "sRGB", "flare", "black", "clipped")
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_chart_shows_the_fault_of_its_photograph_and_corrects_it(fault):
     """Regions beside the chart, up to one factor for all: to 1 %, three times what 41 % of falloff leave there."""

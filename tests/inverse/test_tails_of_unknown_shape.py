@@ -46,6 +46,7 @@ def test_tails_and_colours_are_found_and_measured(nu, colour):
     assert any("the facets" in remark for remark in found.remarks)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("balls", [2, pytest.param(3, marks=pytest.mark.nightly)])
 def test_gaussian_facets_and_a_neutral_interface_stay_so(balls):
     """Decided beforehand: each extension appears in 1 of 100; the test counts residuals as fewer, so it is rarer."""

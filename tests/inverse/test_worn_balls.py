@@ -36,6 +36,7 @@ def test_wear_does_not_draw_lamps_away(condition):
     assert (angle < 2.0 * error).mean() >= 0.9
 
 
+@pytest.mark.by_night("black plastic", "glazed")
 @pytest.mark.parametrize("condition", list(GLOSSY))
 def test_a_glossy_ball_that_is_no_mirror_shows_lamps(condition):
     """Before, these were refused: no highlight, or one that covers too much of the ball."""
