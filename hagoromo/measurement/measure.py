@@ -33,9 +33,9 @@ from hagoromo.measurement.normals.gloss_choice import GlossModel
 from hagoromo.measurement.normals.gloss_estimate import measurement_of, solved_gloss_map
 from hagoromo.measurement.normals.normal_profile import terms_of_unknown_shape, with_term_errors
 from hagoromo.measurement.normals.normals import NormalMap
-from hagoromo.measurement.photograph_checks import moved
 from hagoromo.measurement.photometric.term import CaptureTerms, Term
 from hagoromo.measurement.photometric.terms import terms_named
+from hagoromo.measurement.stillness import Stillness, stillness
 from hagoromo.measurement.surface.depth import DepthSurface
 from hagoromo.measurement.surface.solved_surface import OwnLightUse, large_source, solve_large, solve_surface
 from hagoromo.measurement.surface.tile_store import FolderSource
@@ -210,14 +210,14 @@ def _measured_whole(capture: Capture, wanted: Wanted, where: Where, progress: Pr
     """The measurement of a capture in memory, whose lamps are even."""
     if where.scheduler is not None:
         warnings.warn("the capture is measured here: only large ones of unknown shape have tiles", stacklevel=3)
-    shifts = _warn_of_motion(capture)
+    still = _warn_of_motion(capture)
     if capture.points is not None and capture.normals is not None:
-        return _with_health(_of_known_shape(capture, wanted, progress), examine(capture, shifts))
+        return _with_health(_of_known_shape(capture, wanted, progress), examine(capture, still))
     away = _distance(capture.photographs[0], where.distance, wanted)
     if any(lamp.to_lamp is None for shot in capture.photographs for lamp in shot.lamps):
         measured = _of_unknown_shape(capture, wanted, away, progress)
-        return _with_health(measured, examine(measured.capture or capture, shifts))
-    found = examine(capture, shifts)  # before the shape is solved: its lamps may be stronger than stated
+        return _with_health(measured, examine(measured.capture or capture, still))
+    found = examine(capture, still)  # before the shape is solved: its lamps may be stronger than stated
     return _with_health(_of_unknown_shape(found.with_strengths(capture), wanted, away, progress), found)
 
 
@@ -325,15 +325,15 @@ def _assumed(measurement: Measurement) -> Measurement:
     return replace(measurement, assumptions=taken, lamp_departure=departure)
 
 
-def _warn_of_motion(capture: Capture) -> dict[str, tuple[float, float]]:
-    """Shifts of the photographs, with a warning for each."""
-    shifts = moved(capture.photographs)
-    for name, (x, y) in shifts.items():
+def _warn_of_motion(capture: Capture) -> Stillness | None:
+    """Which photographs moved or are blurred, with a warning for each that moved."""
+    still = stillness(capture.photographs)
+    for name, (x, y) in (still.shifts if still else {}).items():
         warnings.warn(
             f"{name} is shifted by ({x:.1f}, {y:.1f}) px from the other photographs: take it again, or leave it out",
             stacklevel=4,
         )
-    return shifts
+    return still
 
 
 def _distance(photograph: Photograph, distance: float | None, wanted: Wanted) -> float:

@@ -9,7 +9,7 @@ import pytest
 import hagoromo as hg
 from hagoromo.camera.camera import unplaced_camera
 from hagoromo.files.png import read_png
-from hagoromo.measurement.photograph_checks import linearity_of, why_not_tested
+from hagoromo.measurement.linearity import linearity_of, why_not_tested
 from hagoromo.photograph.exponent import Exponent, exponent_of
 from tests.data import DATA, real_data
 from tests.inverse.simulated_relief import SimulatedRelief, dome, relief_camera, relief_capture

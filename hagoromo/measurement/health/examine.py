@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
@@ -22,7 +21,8 @@ from hagoromo.measurement.health.lamps import (
 from hagoromo.measurement.health.order import order_check
 from hagoromo.measurement.health.pictures import blur_check, mask_check, motion_check
 from hagoromo.measurement.health.shading import ShadingSample, shading_of
-from hagoromo.measurement.photograph_checks import linearity_of, moved, why_not_tested
+from hagoromo.measurement.linearity import linearity_of, why_not_tested
+from hagoromo.measurement.stillness import Stillness, stillness
 from hagoromo.measurement.surface.solved_surface import coarse_or_whole
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.exponent import Exponent, exponent_of
@@ -72,14 +72,14 @@ def check_photographs(capture: Capture | str | Path) -> Health:
     return examine(capture if isinstance(capture, Capture) else coarse_or_whole(capture)).health
 
 
-def examine(capture: Capture, shifts: Mapping[str, tuple[float, float]] | None = None) -> Examined:
-    """The checks of `capture`. shifts: of its photographs, where they are known, see `moved`.
+def examine(capture: Capture, still: Stillness | None = None) -> Examined:
+    """The checks of `capture`. still: which of its photographs moved or are blurred, where that is known.
 
     Strengths of the lamps that the photographs show are taken out before the transfer is tested.
     """
-    shifts = moved(capture.photographs) if shifts is None else shifts
+    still = stillness(capture.photographs) if still is None else still
     found: dict[Name, Check] = {
-        "motion": motion_check(capture, shifts), "blur": blur_check(capture), "mask": mask_check(capture),
+        "motion": motion_check(still), "blur": blur_check(still), "mask": mask_check(capture),
         "calibration": _calibration(capture),
     }  # fmt: skip
     shading = shading_of(capture)

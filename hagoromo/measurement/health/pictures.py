@@ -1,28 +1,23 @@
 """Pictures: whether photographs moved or are blurred, and whether the mask ends where the object does.
 
-All three look at edges. Lamps change the shading but not the place of edges, nor how fine they are.
+Motion and blur are those that `measurement.stillness` finds. The mask is compared with the edges of the photographs.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.least_squares.loss import ROBUST_SCALE
 from hagoromo.measurement.health.health import Check, doubtful, good, not_testable
+from hagoromo.measurement.stillness import Stillness, one_view
 from hagoromo.photograph.capture import Capture
-from hagoromo.photograph.photograph import Photograph
 
-SIDE = 400  # px, at most, of the part of the photographs that is looked at
-FINE_PX, COARSE_PX = 0.8, 2.5  # scales of edges
+TOO_FEW = "fewer than three photographs of one view that show something"
+LISTED = 4  # photographs that are named
 FAINT = 0.02  # share of the brightest below which the logarithm ends
-FEWEST = 4  # photographs
-BLURRED, CERTAIN = 0.35, 5.0  # fall of ln fineness below the median: at least so much, and so many deviations
-TRIED_PX = 2.0  # blur that must show
-LEAST_DEVIATION = 0.03  # of ln fineness between photographs
 REACH = 10  # px from the edge of the mask that are looked at
 OFF_PX = 2.5  # a mask whose object ends farther from its edge is said
 PROMINENT = 2.0  # times the median contrast, from which the object is seen to end somewhere
@@ -31,50 +26,32 @@ FEWEST_EDGE = 100  # pixels of the edge of a mask
 Array = NDArray[Any]
 
 
-def motion_check(capture: Capture, shifts: Mapping[str, tuple[float, float]]) -> Check:
-    """Whether a photograph is shifted against the others. shifts: by `moved`."""
-    shots = capture.photographs
-    if len(shots) < 3 or not _one_view(shots):
-        return not_testable("motion", "fewer than three photographs of one view")
-    if not shifts:
-        return good("motion", "no photograph is shifted against the others")
-    listed = "; ".join(f"{name} by ({x:.1f}, {y:.1f}) px" for name, (x, y) in list(shifts.items())[:3])
-    more = f"; and {len(shifts) - 3} more" if len(shifts) > 3 else ""
-    return doubtful("motion", f"shifted against the others: {listed}{more}", "take them again, or leave them out")
+def motion_check(found: Stillness | None) -> Check:
+    """Whether a photograph is shifted against the others."""
+    if found is None:
+        return not_testable("motion", TOO_FEW)
+    if found.shifts:
+        listed = [f"{name} by ({x:.1f}, {y:.1f}) px" for name, (x, y) in found.shifts.items()]
+        return doubtful("motion", f"shifted against the others: {_some(listed)}", "take them again, or leave them out")
+    if not found.shows_shift:
+        return not_testable("motion", "the photographs have too little detail in common to show a shift of a pixel")
+    return good("motion", "no photograph is shifted against the others")
 
 
-def blur_check(capture: Capture) -> Check:
+def blur_check(found: Stillness | None) -> Check:
     """Whether edges of a photograph are less fine than those of the others."""
-    from scipy.ndimage import gaussian_filter
-
-    shots = capture.photographs
-    if len(shots) < FEWEST or not _one_view(shots):
-        return not_testable("blur", f"fewer than {FEWEST} photographs of one view; blur of all alike is not seen")
-    part = _window(np.any([shot.mask for shot in shots], axis=0))
-    inside = np.all([shot.mask[part] for shot in shots], axis=0)
-    if inside.sum() < FEWEST_EDGE:
-        return not_testable("blur", "fewer than 100 pixels are valid in all photographs")
-    greys = [np.nan_to_num(shot.values[part].astype(np.float64).mean(axis=2)) for shot in shots]
-    fineness = [_fineness(grey, inside) for grey in greys]
-    off = np.median(fineness) - np.array(fineness)
-    spread = max(ROBUST_SCALE * float(np.median(np.abs(off))), LEAST_DEVIATION)
-    limit = max(BLURRED, CERTAIN * spread)
-    soft = [shots[k].name for k in np.flatnonzero(off > limit)]
-    usual = int(np.argsort(fineness)[len(fineness) // 2])
-    if not soft and fineness[usual] - _fineness(gaussian_filter(greys[usual], TRIED_PX), inside) < limit:
+    if found is None:
+        return not_testable("blur", f"{TOO_FEW}; blur of all alike is not seen")
+    if found.blurs:
+        listed = [f"{name} by {blur:.1f} px" for name, blur in found.blurs.items()]
+        return doubtful("blur", f"less sharp than the others: {_some(listed)}", "take them again, or leave them out")
+    if not found.shows_blur:
         return not_testable("blur", "the object has no fine edges that blur would take away")
-    if not soft:
-        return good("blur", "no photograph is less sharp than the others; blur of all alike is not seen")
-    return doubtful("blur", f"less sharp than the others: {', '.join(soft[:4])}", "take them again, or leave them out")
+    return good("blur", "no photograph is less sharp than the others; blur of all alike is not seen")
 
 
-def _fineness(grey: Array, inside: NDArray[np.bool_]) -> float:
-    """Logarithm of the strength of fine edges over that of coarse ones."""
-    from scipy.ndimage import gaussian_laplace
-
-    light = np.log(np.maximum(grey, 0.0) + FAINT * max(float(np.quantile(grey, 0.99)), 1e-30))
-    fine, coarse = (np.quantile(np.abs(gaussian_laplace(light, s))[inside], 0.9) for s in (FINE_PX, COARSE_PX))
-    return float(np.log(max(fine, 1e-9) / max(coarse, 1e-9)))
+def _some(listed: Sequence[str]) -> str:
+    return "; ".join(listed[:LISTED]) + (f"; and {len(listed) - LISTED} more" if len(listed) > LISTED else "")
 
 
 def mask_check(capture: Capture) -> Check:
@@ -82,7 +59,7 @@ def mask_check(capture: Capture) -> Check:
     from scipy.ndimage import distance_transform_edt, gaussian_filter
 
     shots = capture.photographs
-    if not _one_view(shots):
+    if not one_view(shots):
         return not_testable("mask", "photographs of several views")
     mask = np.sum([shot.mask for shot in shots], axis=0) >= 0.5 * len(shots)
     mask = _filled(mask)
@@ -115,26 +92,6 @@ def mask_check(capture: Capture) -> Check:
         "mask", f"the object ends about {abs(off)} px {'inside' if off > 0 else 'outside'} of its edge: it is too "
         f"{size}", "give a mask of the object alone",
     )  # fmt: skip
-
-
-def _one_view(shots: Sequence[Photograph]) -> bool:
-    first = shots[0]
-    return all(
-        shot.values.shape == first.values.shape and np.allclose(shot.camera.matrix, first.camera.matrix, rtol=1e-6)
-        for shot in shots
-    )
-
-
-def _window(mask: NDArray[np.bool_]) -> tuple[slice, slice]:
-    """The middle of the object, at most SIDE px wide and high."""
-    parts = []
-    for axis in (1, 0):
-        some = np.flatnonzero(mask.any(axis=axis))
-        if not len(some):
-            return np.s_[:1, :1]
-        middle = (some[0] + some[-1]) // 2
-        parts.append(slice(max(some[0], middle - SIDE // 2), min(some[-1] + 1, middle + SIDE // 2)))
-    return parts[0], parts[1]
 
 
 def _filled(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.measurement.photograph_checks import lamp_light, near, points_at, shows, towards, unfit
+from hagoromo.measurement.linearity import lamp_light, near, points_at, shows, towards, unfit
 from hagoromo.measurement.surface.tile_store import means
 from hagoromo.photograph.capture import Capture
 from hagoromo.photograph.exponent import DARK, lambert_fit, loss, without_gloss

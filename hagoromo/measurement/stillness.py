@@ -1,0 +1,395 @@
+"""Stillness: photographs of one view that moved, or are blurred, beside what the others make of them.
+
+Photographs of a matte surface under far lamps are, but for shadows, sums of three of them (Shashua 1997), and with
+shadows and some gloss nearly so of a few more (Basri & Jacobs 2003). So each photograph is predicted as a sum of the
+others, without a word of the lamps. The factors come from the photographs smoothed, where a small shift or blur changes
+nothing; whether the prediction is then nearer to the photograph when it is shifted, or blurred, shows in fine detail
+(Lucas & Kanade 1981). Highlights and cast shadows, which the others do not have, count little (Huber's loss).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from copy import copy
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hagoromo.least_squares.loss import ROBUST_SCALE, Loss
+from hagoromo.measurement.squares import square_means
+from hagoromo.photograph.photograph import Photograph
+
+Array = NDArray[Any]
+
+FEWEST = 3  # photographs
+COMPARED_PIXELS = 160_000  # largest number of pixels that are compared; larger photographs are binned
+SIDE = 400  # px, at most, of the part whose blur is looked at; it is not binned
+MARGIN = 8  # px around the object that are looked at, too
+OUTLINE = 3.0  # px over which the object's outline counts
+BORDER = 4  # px of the picture's border that do not count
+COARSE, FINE = 3.0, 5.0  # [px] factors are found above this scale, shifts and blur below that one
+STRENGTH, FAINT = 8.0, 0.05  # [px] over which the strength of edges is made alike, and the share of the largest left
+TERMS = 4  # of the sums
+THINNED = 2  # each so many pixels, along rows and columns, give the factors
+LOSS = Loss("huber", 1.5)
+ROUNDS = 4  # of reweighting
+STEPS, SETTLED = 8, 0.03  # of a shift, and the last one [px]
+FARTHEST = 2.0  # px of a step, and beyond which edges are compared from afar, too
+LEAST_FACTOR = 0.3  # of the prediction, in the size of a step
+BLOCKS = 4  # along each side, that are left out one after the other (jackknife)
+BETTER = 0.85  # misfit of the prediction shifted or blurred over that without, from which it is said
+SHIFT_PX = (0.35, 0.6)  # least shift that is said, of photographs that stand still otherwise, and of any
+UNUSUAL = 4.0  # times the usual shift (as a standard deviation along an axis)
+CERTAIN = 5.0  # standard errors of a shift
+BLURS = (0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 6.0)  # [px] standard deviations of a Gaussian
+BLUR_PX, LEFT_OUT_PX = 1.5, 1.0  # least blur that is said, with all blocks and without any one
+TRIED_SHIFT, TRIED_BLUR = 1.0, 2.0  # px, that would have to be said of the usual photograph
+LEAST_SIGNAL = 5.0  # standard deviations of a compared pixel's noise from which it shows the scene
+LEAST_SHOWN = 0.01  # share of the pixels that must show the scene; a photograph nearly black says nothing
+MOST_NAMED = 6  # photographs after which no further rounds are made
+
+
+@dataclass(frozen=True)
+class Stillness:
+    """shifts: name → (x, y) [px] of photographs that are shifted against the others. blurs: name → standard deviation
+    [px] of those that are less sharp. shows_shift, shows_blur: whether the photographs have the detail to show a shift
+    of one pixel, a blur of two.
+    """
+
+    shifts: Mapping[str, tuple[float, float]]
+    blurs: Mapping[str, float]
+    shows_shift: bool
+    shows_blur: bool
+
+
+def stillness(photographs: Sequence[Photograph]) -> Stillness | None:
+    """Which photographs moved or are blurred; None for fewer than three, and for those of several views."""
+    shots = [shot for shot in photographs if _shows_scene(shot)] if one_view(photographs) else []
+    if len(shots) < FEWEST:
+        return None
+    mask = np.sum([shot.mask for shot in shots], axis=0) >= 0.5 * len(shots)
+    if not mask.any():
+        return None
+    whole = _object(mask)
+    height, width = (part.stop - part.start for part in whole)
+    step = max(int(np.ceil(np.sqrt(height * width / COMPARED_PIXELS))), 1)
+    views = _Views(shots, mask, whole, step)
+    shifts, shows_shift = _moved(views)
+    sharp = views if step == 1 and max(height, width) <= SIDE else _Views(shots, mask, _finest(shots, mask, whole), 1)
+    blurs, shows_blur = _blurred(sharp, {k: step * shift for k, shift in shifts.items()})
+    return Stillness(
+        {shots[k].name: (step * float(x), step * float(y)) for k, (y, x) in sorted(shifts.items())},
+        {shots[k].name: blur for k, blur in sorted(blurs.items())},
+        shows_shift,
+        shows_blur,
+    )
+
+
+def one_view(photographs: Sequence[Photograph]) -> bool:
+    """Whether all photographs are of one camera at one place."""
+    first = photographs[0]
+    return all(
+        shot.values.shape == first.values.shape and np.allclose(shot.camera.matrix, first.camera.matrix, rtol=1e-6)
+        for shot in photographs
+    )
+
+
+class _Views:
+    """The grey photographs (K, h, w) of a `part` of the picture, binned by `step`, and those smoothed."""
+
+    def __init__(self, shots: Sequence[Photograph], mask: Array, part: tuple[slice, slice], step: int) -> None:
+        from scipy.ndimage import gaussian_filter
+
+        self.grey = np.stack([square_means(_grey(shot.values[part]), step) for shot in shots])
+        clipped = np.stack([square_means((mask & ~shot.mask)[part].astype(np.float64), step) > 0.0 for shot in shots])
+        near = square_means(gaussian_filter(mask[part].astype(np.float64), OUTLINE), step) > 0.02
+        inner = np.zeros_like(near)
+        inner[BORDER:-BORDER, BORDER:-BORDER] = True
+        self.usable = ~clipped & (near & inner)
+        self.smooth = np.stack([gaussian_filter(grey, COARSE)[::THINNED, ::THINNED] for grey in self.grey])
+        fine = np.stack([_fine(grey) for grey in self.grey])
+        floor = FAINT * max(float(np.quantile(np.abs(fine), 0.99)), 1e-30)
+        self.edges = fine / (np.sqrt(gaussian_filter(fine**2, (0.0, STRENGTH, STRENGTH))) + floor)
+        flat = self.smooth.reshape(len(shots), -1).astype(np.float64)
+        self.products = flat @ flat.T
+        rows, columns = (np.arange(size) * BLOCKS // size for size in self.grey.shape[1:])
+        self.block = rows[:, None] * BLOCKS + columns
+
+    def with_picture(self, number: int, picture: Array) -> _Views:
+        """The same with another picture (h, w) for one photograph."""
+        changed = copy(self)
+        changed.grey = self.grey.copy()
+        changed.grey[number] = picture
+        return changed
+
+    def coarse_shift(self, number: int, among: Sequence[int]) -> Array:
+        """(2,) (down, across) [px] by which edges are shifted against those of the others, however far: whole pixels,
+        by phase correlation.
+        """
+        from skimage.registration import phase_cross_correlation
+
+        window = np.outer(*(np.hanning(n + 2)[1:-1] for n in self.grey.shape[1:]))
+        others = self.edges[[k for k in among if k != number]].sum(axis=0) * window
+        return np.asarray(phase_cross_correlation(self.edges[number] * window, others)[0], np.float64)
+
+    def prediction(self, number: int, among: Sequence[int], shift: Array | None = None) -> Array:
+        """(h, w) the photograph as a sum of the others in `among`; shift: far, by which it is moved back for that."""
+        others = [k for k in among if k != number]
+        size, vectors = np.linalg.eigh(self.products[np.ix_(others, others)])
+        main = vectors[:, ::-1][:, :TERMS]
+        usable = self.usable[number, ::THINNED, ::THINNED]
+        terms = main.T @ self.smooth[others][:, usable].astype(np.float64)
+        own = self.smooth[number].astype(np.float64)
+        own = (own if shift is None else _shifted(own, -shift / THINNED))[usable]
+        weight, factor = np.ones_like(own), np.zeros(len(terms))
+        for _ in range(ROUNDS):
+            squares = (terms * weight) @ terms.T + (1e-9 * size[-1] + 1e-300) * np.eye(len(terms))
+            factor = np.linalg.solve(squares, (terms * weight) @ own)
+            weight = _weight(own - factor @ terms)
+        return np.asarray(np.tensordot(main @ factor, self.grey[others], axes=(0, 0)), np.float64)
+
+
+class _Pair(NamedTuple):
+    """Fine detail of a photograph and of its prediction (h, w), where they count (h, w), and the blocks (h, w)."""
+
+    own: Array
+    prediction: Array
+    usable: Array
+    block: Array
+
+    def misfits(self, predictions: Sequence[Array]) -> Array:
+        """(N, BLOCKS²) sums of Huber's loss of the photograph to each of N predictions, each with a factor."""
+        own = self.own[self.usable]
+        offered = [one[self.usable] for one in predictions]
+        scale = min(_scale(own - one) for one in offered)
+        block, sums = self.block[self.usable], []
+        for one in offered:
+            factor = 1.0
+            for _ in range(ROUNDS):
+                weight = LOSS.weight((own - factor * one) / scale)
+                factor = float(np.sum(weight * one * own) / max(float(np.sum(weight * one * one)), 1e-300))
+            sums.append(np.bincount(block, LOSS.value((own - factor * one) / scale), BLOCKS**2))
+        return np.array(sums)
+
+    def shift(self, start: Array) -> tuple[Array, float]:
+        """(2,) (down, across) [px] by which the photograph is shifted against the prediction, and how many standard
+        errors that is, by leaving out blocks.
+        """
+        shift, certain = start.copy(), 0.0
+        for _ in range(STEPS):
+            there = _shifted(self.prediction, shift)
+            down, across = np.gradient(there)
+            columns = np.stack([part[self.usable] for part in (-down, -across, there)], axis=1)
+            own, weight = self.own[self.usable], np.ones(np.count_nonzero(self.usable))
+            found = np.zeros(3)
+            for _ in range(ROUNDS):
+                found = _solved(columns.T @ (columns * weight[:, None]), columns.T @ (weight * own))
+                weight = _weight(own - columns @ found)
+            step = np.clip(found[:2] / max(found[2], LEAST_FACTOR), -FARTHEST, FARTHEST)
+            if np.hypot(*step) < SETTLED:
+                certain = self._certainty(shift + step, columns, weight)
+                break
+            shift = shift + step
+        return shift, certain
+
+    def _certainty(self, shift: Array, columns: Array, weight: Array) -> float:
+        own, block = self.own[self.usable], self.block[self.usable]
+
+        def of_blocks(values: Array) -> Array:
+            return np.bincount(block, values, BLOCKS**2)
+
+        squares = np.array([[of_blocks(weight * a * b) for b in columns.T] for a in columns.T]).transpose(2, 0, 1)
+        right = np.array([of_blocks(weight * a * own) for a in columns.T]).T
+        detail = squares[:, 0, 0] + squares[:, 1, 1]
+        blocks = np.flatnonzero(detail > 1e-3 * detail.sum())
+        without = [_solved(squares.sum(axis=0) - squares[k], right.sum(axis=0) - right[k]) for k in blocks]
+        steps = np.array([one[:2] / max(one[2], LEAST_FACTOR) for one in without])
+        off = steps - steps.mean(axis=0)
+        covariance = (len(blocks) - 1) / max(len(blocks), 1) * off.T @ off + 1e-4 * np.eye(2)
+        return float(np.sqrt(shift @ np.linalg.solve(covariance, shift)))
+
+
+def _pair(views: _Views, number: int, among: Sequence[int]) -> _Pair:
+    own, prediction = _fine(views.grey[number].astype(np.float64)), _fine(views.prediction(number, among))
+    return _Pair(own, prediction, views.usable[number], views.block)
+
+
+class _Found(NamedTuple):
+    """What is found of a photograph. value: its shift (2,) or blur. misfit: of the prediction changed by it over that
+    of the prediction as it is. certain: of a shift, its standard errors; of a blur, the least without one block.
+    """
+
+    value: Any
+    misfit: float
+    certain: float
+
+
+Look = Callable[[_Views, int, Sequence[int]], _Found | None]  # at a photograph, beside some others
+
+
+def _moved(views: _Views) -> tuple[dict[int, Array], bool]:
+    """Shifts (down, across) [px of `views`] of photographs that moved, and whether one of TRIED_SHIFT would be said."""
+    found = _looked(views, _look_at_shift)
+    usual = np.median([np.hypot(*one.value) for one in found.values()]) if found else 0.0
+    limit = np.clip(UNUSUAL * usual / np.sqrt(2.0 * np.log(2.0)), *SHIFT_PX)  # the median of a Rayleigh distribution
+
+    def said(one: _Found) -> bool:
+        return bool(one.misfit < BETTER and one.certain > CERTAIN and np.hypot(*one.value) > limit)
+
+    def spoil(picture: Array) -> Array:
+        return _shifted(picture, np.full(2, TRIED_SHIFT / np.sqrt(2.0)))
+
+    return _named(views, found, _look_at_shift, said), _would_say(views, found, _look_at_shift, said, spoil)
+
+
+def _look_at_shift(views: _Views, number: int, among: Sequence[int]) -> _Found | None:
+    pair = _pair(views, number, among)
+    if not pair.usable.any():
+        return None
+    tries = [(pair.prediction, *pair.shift(np.zeros(2)))]
+    far = views.coarse_shift(number, among)
+    if np.hypot(*far) > FARTHEST:
+        moved = pair._replace(prediction=_fine(views.prediction(number, among, far)))
+        tries.append((moved.prediction, *moved.shift(far)))
+    changed = [_shifted(prediction, shift) for prediction, shift, _ in tries]
+    plain, *misfits = pair.misfits([pair.prediction, *changed]).sum(axis=1) + 1e-300
+    best = int(np.argmin(misfits))
+    _, shift, certain = tries[best]
+    return _Found(shift, misfits[best] / plain, certain)
+
+
+def _blurred(views: _Views, shifts: Mapping[int, Array]) -> tuple[dict[int, float], bool]:
+    """Blurs [px of `views`] of photographs that are less sharp, and whether one of TRIED_BLUR would be said."""
+    from scipy.ndimage import gaussian_filter
+
+    def look(views: _Views, number: int, among: Sequence[int]) -> _Found | None:
+        return _look_at_blur(views, number, among, shifts.get(number))
+
+    def said(one: _Found) -> bool:
+        return one.misfit < BETTER and one.certain >= LEFT_OUT_PX and one.value >= BLUR_PX
+
+    def spoil(picture: Array) -> Array:
+        return np.asarray(gaussian_filter(picture, TRIED_BLUR))
+
+    found = _looked(views, look)
+    return _named(views, found, look, said), _would_say(views, found, look, said, spoil)
+
+
+def _look_at_blur(views: _Views, number: int, among: Sequence[int], shift: Array | None) -> _Found | None:
+    from scipy.ndimage import gaussian_filter
+
+    own, whole = _fine(views.grey[number].astype(np.float64)), views.prediction(number, among)
+    whole = whole if shift is None else _shifted(whole, shift)
+    pair = _Pair(own, _fine(whole), views.usable[number], views.block)
+    if not pair.usable.any():
+        return None
+
+    def misfits(blurs: Sequence[float]) -> Array:
+        return pair.misfits([_fine(gaussian_filter(whole, blur)) for blur in blurs]) + 1e-300
+
+    plain, tried = misfits((0.0, TRIED_BLUR)).sum(axis=1)
+    if tried > plain:  # most photographs: no blur of that size or more
+        return _Found(0.0, 1.0, 0.0)
+    each = misfits(BLURS)
+    total = each.sum(axis=1)
+    best, without = int(np.argmin(total)), np.argmin(total[:, None] - each, axis=0)
+    return _Found(BLURS[best], total[best] / total[0], min(BLURS[k] for k in without))
+
+
+def _looked(views: _Views, look: Look) -> dict[int, _Found]:
+    among = range(len(views.grey))
+    return {k: one for k in among if (one := look(views, k, among)) is not None}
+
+
+def _named(views: _Views, found: Mapping[int, _Found], look: Look, said: Callable[[_Found], bool]) -> dict[int, Any]:
+    """Values of the photographs of which something is said; the clearest first, and the others again without it."""
+    among, named = list(found), {}
+    while True:
+        candidates = {k: one for k, one in found.items() if said(one)}
+        if not candidates or len(named) == MOST_NAMED or len(among) <= FEWEST:
+            return named | {k: one.value for k, one in candidates.items()}
+        worst = min(candidates, key=lambda k: candidates[k].misfit)
+        named[worst] = candidates.pop(worst).value
+        among.remove(worst)
+        found = {k: one for k in candidates if (one := look(views, k, among)) is not None}
+
+
+def _would_say(
+    views: _Views, found: Mapping[int, _Found], look: Look, said: Callable[[_Found], bool],
+    spoil: Callable[[Array], Array],
+) -> bool:  # fmt: skip
+    """Whether something would be said of the usual photograph, were it spoilt."""
+    if not found:
+        return False
+    usual = sorted(found, key=lambda k: found[k].misfit)[len(found) // 2]
+    one = look(views.with_picture(usual, spoil(views.grey[usual])), usual, list(found))
+    return one is not None and bool(said(one))
+
+
+def _fine(picture: Array) -> Array:
+    """Without what is coarser than FINE."""
+    from scipy.ndimage import gaussian_filter
+
+    return picture - gaussian_filter(picture, FINE)
+
+
+def _shifted(picture: Array, shift: Array) -> Array:
+    """Down and across [px]."""
+    from scipy import ndimage
+
+    return ndimage.shift(picture, shift, order=3, mode="nearest") if np.any(shift) else picture
+
+
+def _scale(residual: Array) -> float:
+    """Standard deviation by the median, above 0."""
+    return ROBUST_SCALE * float(np.median(np.abs(residual))) + 1e-9 * float(np.abs(residual).max(initial=0.0)) + 1e-300
+
+
+def _weight(residual: Array) -> Array:
+    return LOSS.weight(residual / _scale(residual))
+
+
+def _solved(squares: Array, right: Array) -> Array:
+    size = len(right)
+    return np.asarray(np.linalg.solve(squares + (1e-9 * np.trace(squares) + 1e-300) * np.eye(size), right))
+
+
+def _object(mask: NDArray[np.bool_]) -> tuple[slice, slice]:
+    """Rows and columns of the object, with a margin."""
+    parts = []
+    for axis in (1, 0):
+        some = np.flatnonzero(mask.any(axis=axis))
+        parts.append(slice(max(some[0] - MARGIN, 0), some[-1] + 1 + MARGIN))
+    rows, columns = (slice(one.start, min(one.stop, size)) for one, size in zip(parts, mask.shape, strict=True))
+    return rows, columns
+
+
+def _finest(shots: Sequence[Photograph], mask: Array, whole: tuple[slice, slice]) -> tuple[slice, slice]:
+    """Rows and columns of the part of the object, at most SIDE px wide and high, with the strongest fine detail."""
+    from scipy.ndimage import uniform_filter
+
+    mean = np.mean([_grey(shot.values[whole]) for shot in shots], axis=0)
+    detail = uniform_filter(np.where(mask[whole], np.abs(_fine(mean)), 0.0), SIDE, mode="constant")
+    middle = np.unravel_index(np.argmax(detail), detail.shape)
+    parts = []
+    for centre, part, length in zip(middle, whole, detail.shape, strict=True):
+        start = part.start + int(np.clip(centre - SIDE // 2, 0, max(length - SIDE, 0)))
+        parts.append(slice(start, min(start + SIDE, part.stop)))
+    return parts[0], parts[1]
+
+
+def _shows_scene(photograph: Photograph) -> bool:
+    """Whether enough pixels, binned, exceed the noise of the mean of the colours."""
+    height, width, channels = photograph.values.shape
+    step = max(int(np.ceil(np.sqrt(height * width / COMPARED_PIXELS))), 1)
+    signal, variance = (square_means(_grey(layer), step) for layer in (photograph.values, photograph.variance))
+    shown = signal > LEAST_SIGNAL * np.sqrt(np.maximum(variance, 0.0) / channels) / step
+    return bool(shown.mean() > LEAST_SHOWN)
+
+
+def _grey(values: Array) -> Array:
+    """(h, w) mean over the channels of (h, w, channels), 0 where it is not finite."""
+    mean = values @ np.full(values.shape[2], 1.0 / values.shape[2], values.dtype)
+    return np.where(np.isfinite(mean), mean, 0.0)
