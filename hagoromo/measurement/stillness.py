@@ -31,6 +31,7 @@ OUTLINE = 3.0  # px over which the object's outline counts
 BORDER = 4  # px of the picture's border that do not count
 COARSE, FINE = 3.0, 5.0  # [px] factors are found above this scale, shifts and blur below that one
 STRENGTH, FAINT = 8.0, 0.05  # [px] over which the strength of edges is made alike, and the share of the largest left
+SHADE, DARK = 1.5, 0.2  # [px], and share of its largest light below which a place is in shadow, and does not count
 TERMS = 4  # of the sums
 THINNED = 2  # each so many pixels, along rows and columns, give the factors
 LOSS = Loss("huber", 1.5)
@@ -107,7 +108,9 @@ class _Views:
         near = square_means(gaussian_filter(mask[part].astype(np.float64), OUTLINE), step) > 0.02
         inner = np.zeros_like(near)
         inner[BORDER:-BORDER, BORDER:-BORDER] = True
-        self.usable = ~clipped & (near & inner)
+        softened = gaussian_filter(self.grey, (0.0, SHADE, SHADE))
+        lit = softened > DARK * softened.max(axis=0)
+        self.usable = ~clipped & lit & (near & inner)
         self.smooth = np.stack([gaussian_filter(grey, COARSE)[::THINNED, ::THINNED] for grey in self.grey])
         fine = np.stack([_fine(grey) for grey in self.grey])
         floor = FAINT * max(float(np.quantile(np.abs(fine), 0.99)), 1e-30)
