@@ -38,6 +38,9 @@ LEAST_ERROR = 0.01  # of ln p: matte balls in 8 bits under exact lamps come out 
 # Huber's loss, in errors of the model), in proportion to its root below.
 UNEXPLAINED, MISFIT = 0.12, 0.1
 SIGNIFICANT = 2.0  # standard errors from 1
+# The same of an exponent that could be one of linear values: captures with nothing wrong are many, and one in a hundred
+# is doubted, not one in twenty.
+MILD = 2.576
 ROUGH = 0.87  # least exponent of linear values of rough and porous matter, which darkens late
 # Limits of the exponent of linear values: half of the way to those of values that are coded, or decoded once too often.
 # With lamps that are 1° to 8° off, twelve real sets have 0.92 to 1.31.
@@ -47,10 +50,13 @@ Finding = Literal["linear", "uncertain", "doubtful", "bent"]
 
 @dataclass(frozen=True)
 class Exponent:
-    """value: of best fit; standard_error: of its logarithm."""
+    """value: of best fit; standard_error: of its logarithm; misfit: with it, mean of Huber's loss of the readings, in
+    errors of the model.
+    """
 
     value: float
     standard_error: float
+    misfit: float = 0.0
 
     @property
     def interval(self) -> tuple[float, float]:
@@ -62,13 +68,14 @@ class Exponent:
         """What the shading says about the transfer.
 
         bent: the values are not linear in light, beyond what noise and the surfaces of matter explain. doubtful: the
-        interval leaves 1 out, and a wrong transfer, wrong lamps or rough matter may be why. uncertain: the interval has
-        1 and values that are not linear in light. linear: the interval has 1 and no such value.
+        interval of 99 % leaves 1 out, and a wrong transfer, wrong lamps or rough matter may be why. uncertain: the
+        interval of 95 % has values that are not linear in light. linear: it has no such value.
         """
         low, high = self.interval
-        outside = not low <= 1.0 <= high
-        if outside:
-            return "doubtful" if LOWEST <= self.value <= HIGHEST else "bent"
+        if not LOWEST <= self.value <= HIGHEST:
+            return "uncertain" if low <= 1.0 <= high else "bent"
+        if abs(math.log(self.value)) > MILD * self.standard_error:
+            return "doubtful"
         return "linear" if LOWEST <= low and high <= HIGHEST else "uncertain"
 
     @property
@@ -173,7 +180,7 @@ def _by_profile(scaled: Array, usable: NDArray[np.bool_], to_lamp: Array) -> Exp
     left = float(total.min()) / max(int(usable.sum()), 1)
     unexplained = UNEXPLAINED * min(math.sqrt(left / MISFIT), 1.0)
     parts = _jackknife(by_pixels), _jackknife(by_lamps), unexplained, LEAST_ERROR
-    return Exponent(float(np.exp(_least(total))), float(np.linalg.norm(parts)))
+    return Exponent(float(np.exp(_least(total))), float(np.linalg.norm(parts)), left)
 
 
 def lambert_fit(values: Array, usable: NDArray[np.bool_], to_lamp: Array) -> tuple[Array, Array]:

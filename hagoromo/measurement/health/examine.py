@@ -110,7 +110,8 @@ def _lit(shading: ShadingSample, capture: Capture) -> JudgedLamps:
     """The lamps, and the exponent with their strengths taken out; that of linear values unless it contradicts them.
 
     Linear values under lamps as they are stated need no other explanation, nor do linear values of a glossy surface.
-    On a flat surface each transfer has strengths that explain it.
+    On a flat surface each transfer has strengths that explain it. Strengths that come with another transfer have to
+    explain the photographs better than those that are stated.
     """
     linear, stated = fitted_lamps(shading, (1.0,)), linearity_of(capture)
     if not linear.uneven and stated is not None and stated.finding == "linear":
@@ -122,7 +123,8 @@ def _lit(shading: ShadingSample, capture: Capture) -> JudgedLamps:
         if bent.uneven and flat:
             return JudgedLamps(shading, None, None, CONFOUNDED)
         exponent = linearity_of(with_strengths(capture, bent)) if bent.uneven else stated
-        if exponent is not None and exponent.contradicted:
+        explains = exponent is stated or stated is None or (exponent and exponent.misfit < stated.misfit)
+        if exponent is not None and exponent.contradicted and explains:
             return JudgedLamps(shading, bent, exponent)
     if matte is not few:
         return JudgedLamps(matte, fitted_lamps(matte, (1.0,)), exponent_of(matte.lit, matte.to_lamp, matte.to_eye))
