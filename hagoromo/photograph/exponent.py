@@ -23,6 +23,7 @@ FEWEST_LAMPS = 6  # three fit any values, and errors of the lamps' directions sh
 FEWEST_PIXELS = 60
 MOST_PIXELS = 500  # a sample of them is as good
 EXPONENTS = np.exp(np.linspace(np.log(0.2), np.log(5.0), 21))
+LINEAR = 10  # place of 1 among them
 FEWEST_AT_A_PIXEL = 5
 LIT = 0.2  # cosine of incidence above which a lamp counts at a pixel
 DARK = 0.01  # share of a pixel's largest value below which a lamp is taken for shadow
@@ -50,13 +51,14 @@ Finding = Literal["linear", "uncertain", "doubtful", "bent"]
 
 @dataclass(frozen=True)
 class Exponent:
-    """value: of best fit; standard_error: of its logarithm; misfit: with it, mean of Huber's loss of the readings, in
-    errors of the model.
+    """value: of best fit; standard_error: of its logarithm; misfit, linear_misfit: with it, and of linear values,
+    mean of Huber's loss of the readings in errors of the model.
     """
 
     value: float
     standard_error: float
     misfit: float = 0.0
+    linear_misfit: float = 0.0
 
     @property
     def interval(self) -> tuple[float, float]:
@@ -177,10 +179,10 @@ def _by_profile(scaled: Array, usable: NDArray[np.bool_], to_lamp: Array) -> Exp
         kept = usable & (np.arange(len(scaled)) % LAMP_GROUPS != k)[:, None]
         still = kept.sum(axis=0) >= FEWEST_AT_A_PIXEL - 1
         by_lamps.append(_least(_profile(scaled[:, still], kept[:, still], to_lamp[:, still]).sum(axis=1)))
-    left = float(total.min()) / max(int(usable.sum()), 1)
+    left, linear = (float(one) / max(int(usable.sum()), 1) for one in (total.min(), total[LINEAR]))
     unexplained = UNEXPLAINED * min(math.sqrt(left / MISFIT), 1.0)
     parts = _jackknife(by_pixels), _jackknife(by_lamps), unexplained, LEAST_ERROR
-    return Exponent(float(np.exp(_least(total))), float(np.linalg.norm(parts)), left)
+    return Exponent(float(np.exp(_least(total))), float(np.linalg.norm(parts)), left, linear)
 
 
 def lambert_fit(values: Array, usable: NDArray[np.bool_], to_lamp: Array) -> tuple[Array, Array]:

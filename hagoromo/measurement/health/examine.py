@@ -110,8 +110,8 @@ def _lit(shading: ShadingSample, capture: Capture) -> JudgedLamps:
     """The lamps, and the exponent with their strengths taken out; that of linear values unless it contradicts them.
 
     Linear values under lamps as they are stated need no other explanation, nor do linear values of a glossy surface.
-    On a flat surface each transfer has strengths that explain it. Strengths that come with another transfer have to
-    explain the photographs better than those that are stated.
+    On a flat surface each transfer has strengths that explain it. A curve, with the strengths that go with it, has to
+    explain the photographs better than linear values with theirs.
     """
     linear, stated = fitted_lamps(shading, (1.0,)), linearity_of(capture)
     if not linear.uneven and stated is not None and stated.finding == "linear":
@@ -122,8 +122,9 @@ def _lit(shading: ShadingSample, capture: Capture) -> JudgedLamps:
     if bent.power != 1.0 and min(bent.misfit) < CLEARLY * min(few.misfit(), matte.misfit()):
         if bent.uneven and flat:
             return JudgedLamps(shading, None, None, CONFOUNDED)
-        exponent = linearity_of(with_strengths(capture, bent)) if bent.uneven else stated
-        explains = exponent is stated or stated is None or (exponent and exponent.misfit < stated.misfit)
+        curved, plain = (linearity_of(with_strengths(capture, lamps)) for lamps in (bent, linear))
+        exponent = curved if bent.uneven else stated
+        explains = curved is not None and (plain is None or curved.misfit < plain.linear_misfit)
         if exponent is not None and exponent.contradicted and explains:
             return JudgedLamps(shading, bent, exponent)
     if matte is not few:
