@@ -57,7 +57,8 @@ def render(
         seed: seed of the random numbers (default: the scene's, or 0).
         error: in modes path and full, error at which to stop, root mean square over mean where there is matter, such
             as 0.01: in path the noise of pixels, in full what blocks of 8 × 8 pixels are off.
-        time: in mode path, for how long to go on, about [s].
+        time: in modes path and full, for how long to walk, about [s]. In full an error that takes more than ten
+            minutes is refused without it.
         walks: in mode full, how many random walks state and mend its error, about, in the whole picture; 0 for none
             (default: as many as bring it to 0.01, up to 2^20). In mode march, 0 leaves out the few walks that say
             whether the scene has much light of higher orders.

@@ -34,12 +34,13 @@ class Settings:
 
     Of modes path and full: orders are those of light at most, 1 being light that is scattered once; None: all of them.
     error is where to stop, root mean square over the mean where there is matter, which 19 of 20 pictures are below: of
-    Y, in mode path of its noise, in mode full of blocks of 8 × 8 pixels, see `FullError`. Of mode path: pixels with
-    more noise around them get more walks. seconds is for how long to go on, about: how many walks those are differs
-    from run to run. With either, `samples` is the least number of walks a pixel.
+    Y, in mode path of its noise, in mode full of blocks of 8 × 8 pixels, see `FullError`. seconds is for how long to
+    walk, about: how many walks those are differs from run to run. Of mode path: pixels with more noise around them get
+    more walks; with error or seconds `samples` is the least number of walks a pixel.
 
     Of mode full: walks are those that state and mend its error, about, in the whole picture; None: as many as bring it
-    to `error` or to 1 %, of the latter 2^20 at most; 0: none, so that it states none, as the other modes do.
+    to `error`, or are made in `seconds`, or bring it to 1 %, 2^20 at most; 0: none, so that it states none, as the
+    other modes do. An error that takes more than ten minutes is refused unless seconds are given.
 
     >>> hg.Settings(samples=16, tolerance=0.02).shadows
     'map'
@@ -79,6 +80,8 @@ class Settings:
             raise InputError(f"walks is {self.walks}: give 0 to {MOST_FULL_WALKS} random walks in all")
         if self.walks is not None and self.error is not None:
             raise InputError("both walks and error are given: give the number of walks, or the error that they bring")
+        if self.walks is not None and self.seconds is not None:
+            raise InputError("both walks and seconds are given: give the number of walks, or the time that they take")
         if self.shadow_resolution is not None and not 2 <= self.shadow_resolution <= FINEST_SHADOWS:
             raise InputError(f"shadow_resolution is {self.shadow_resolution}: give 2 to {FINEST_SHADOWS} texels")
 
@@ -90,7 +93,7 @@ def check_mode(settings: Settings, mode: Mode) -> None:
     if settings.cut is not None and mode != "march":
         raise InputError(f"a cut is for mode march, and the mode is {mode}: leave the cut out, or render by march")
     heeding: dict[str, tuple[Mode, ...]] = {
-        "orders": ("path", "full"), "error": ("path", "full"), "seconds": ("path",), "walks": ("full",)
+        "orders": ("path", "full"), "error": ("path", "full"), "seconds": ("path", "full"), "walks": ("full",)
     }  # fmt: skip
     for key, modes in heeding.items():
         if getattr(settings, key) not in (None, 0) and mode not in modes:

@@ -207,8 +207,48 @@ def test_walks_go_on_to_the_error_that_is_asked_for_or_say_what_it_takes():
         mended_by(scene, None, error=1e-4)
     with pytest.raises(hg.InputError, match="both walks and error"):
         hg.Settings(walks=5, error=0.1)
+    with pytest.raises(hg.InputError, match="both walks and seconds"):
+        hg.Settings(walks=5, seconds=3.0)
     with pytest.raises(hg.InputError, match="walks is for mode full"):
         hg.render(cube_scene(), hg.Settings(walks=5), mode="path")
+
+
+class TimedWalks(MadeUp):
+    """Walks of a made-up scene that take `each` seconds, on a clock of their own."""
+
+    def __init__(self, monkeypatch, each):
+        super().__init__(1, 0.3, 0.1)
+        self.now, self.each = 0.0, each
+        monkeypatch.setattr("hagoromo.image.full_refine.time.monotonic", lambda: self.now)
+
+    def __call__(self, pixels, numbers):
+        self.now += len(pixels) * self.each
+        return super().__call__(pixels, numbers)
+
+
+def test_an_error_that_takes_too_long_is_refused_early_unless_a_time_is_given(monkeypatch):
+    """0.02 takes some 10^6 walks: 10 000 s at 10 ms each. It is refused in the first 600 s, and says what it takes."""
+    slow = TimedWalks(monkeypatch, 1e-2)
+    with pytest.raises(hg.InputError, match=r"takes about .* walks, .* s here, and without a time 600 s are the most"):
+        mended_by(slow, None, error=0.02)
+    assert slow.now < 610.0
+    _, quick = mended_by(TimedWalks(monkeypatch, 1e-6), None, error=0.02)
+    _, untimed = mended_by(MadeUp(1, 0.3, 0.1), None, error=0.02)
+    assert quick == untimed and quick.mended.at_most <= 0.02
+
+
+@pytest.mark.parametrize("asked", [None, 0.005])
+def test_a_time_ends_the_walks_and_the_picture_says_what_it_is_off(monkeypatch, asked):
+    """2000 s at 1 ms a walk; with an error out of reach, a warning says what that takes."""
+    slow = TimedWalks(monkeypatch, 1e-3)
+    settings = hg.Settings(seconds=2000.0, error=asked)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        image = mended(slow.image, lambda: slow, lambda pixel: "", settings)
+    error = stated(image)
+    assert 1.9e6 < error.walks < 2.01e6 and hits(slow.off(image)[0], error.mended.mean_interval)
+    said = [str(one.message) for one in caught]
+    assert said == [] if asked is None else "the time of 2000 s has ended" in said[0] and "0.005 takes about" in said[0]
 
 
 @pytest.mark.parametrize("asked", [None, 0.02])
