@@ -12,8 +12,8 @@ import drjit as dr
 
 from hagoromo.backend import Array3f, Float, arrays, clip
 from hagoromo.recovery.matter_march import LAST_DEPTH, LatticeRays, MatterMarch, Piece
-from hagoromo.transport.march import centroid
 from hagoromo.transport.medium import share_at_depth
+from hagoromo.transport.step_elements import centroid
 
 if TYPE_CHECKING:
     from hagoromo.recovery.density_field import DensityField

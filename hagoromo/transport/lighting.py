@@ -209,7 +209,7 @@ class Lighting:
         to_lamp, distance, irradiance = self.arriving(lamp, point)
         weights, lit = [], arrays().Bool(False)
         for element in elements:
-            each = self.materials.weights(element.material, element.axis, to_lamp, to_eye, element.gamma)
+            each = self._weights(element, to_lamp, to_eye)
             lit |= sum(each[1:], each[0]) > 0.0
             if element.scales and texel_hit:
                 factors = element.scales.at(*(texel_hit.frame.inwards(way) for way in (to_eye, to_lamp)))
@@ -222,6 +222,20 @@ class Lighting:
         if self.lamps[lamp].light.beam is not None:
             lit &= irradiance > 0.0
         return Arrived(to_lamp, distance, irradiance, weights, lit)
+
+    def _weights(self, element: Element, to_lamp: Array3f, to_eye: Array3f) -> Sequence[Float]:
+        """Weights of f of an element; 0 where it is not there."""
+        if element.there is None:
+            return self.materials.weights(element.material, element.axis, to_lamp, to_eye, element.gamma)
+
+        def there(material: UInt, axis: Array3f, to_lamp: Array3f, to_eye: Array3f) -> list[Float]:
+            return list(self.materials.weights(material, axis, to_lamp, to_eye))
+
+        def nowhere(*_: Any) -> list[Float]:
+            return [arrays().Float(0)] * (4 if self.materials.transmit else 2)
+
+        ways = arrays().Array3f(to_lamp), arrays().Array3f(to_eye)
+        return dr.if_stmt((element.material, element.axis, *ways), element.there, there, nowhere)
 
     def in_groups(self, light: list[Float]) -> list[Float]:
         """Radiances of every lamp and colour as those of every group of lamps and colour: the channels of a picture."""

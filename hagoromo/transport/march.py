@@ -9,8 +9,7 @@ then stands for all matter behind it.
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import drjit as dr
 
@@ -19,7 +18,7 @@ from hagoromo.transport.crossing import Cone, Crossing, MarchInterval, MarchStat
 from hagoromo.transport.intervals import Interval, boxes_at, depth_at, in_slot, nothing_open, opened, put
 from hagoromo.transport.lighting import Lighting
 from hagoromo.transport.medium import Limit, Medium, share_at_depth
-from hagoromo.transport.sample import Element
+from hagoromo.transport.step_elements import PLACES, centroid, elements_along, elements_of_parts, mean_of_decay
 
 END_TRANSMITTANCE = 1e-2  # a ray ends below this transmittance, at DEFAULT_TOLERANCE
 OPAQUE_OPTICAL_DEPTH = 16.0  # a shadow ray ends beyond this optical depth: exp(−16) = 1e-7
@@ -28,7 +27,6 @@ UNKNOWN_RATE = 1e30  # stands for the rate of light at the first sample
 FIRST_RATE = 3.0  # rate of light that steps are made for behind the first sample, where none is known yet
 FIRST_STEP = 0.5  # of the deepest step: the first one in matter
 LARGEST_RATE = 30.0  # of light that steps are made for: that of a lamp 2° above a face
-PLACES = (-2.0 / math.sqrt(3.0), 0.0, 2.0 / math.sqrt(3.0))  # of a step in rough matter, see `_elements_along`
 SLOW_RATE = 0.4  # a step may be 1 / (SLOW_RATE (1 + rate)) of the deepest one
 
 
@@ -106,19 +104,6 @@ class LitSample:
     def _at_begin(self, rate: Float) -> Float:
         """exp(−D) · (light / light of the sample) at the begin of the step."""
         return dr.exp(dr.fma(rate * self.total, self.share, -self.before))
-
-
-def mean_of_decay(fall: Float) -> Float:
-    """∫_0^1 exp(−fall · x) dx."""
-    thin = dr.abs(fall) < 2e-2
-    safe = dr.select(thin, 1.0, fall)
-    return dr.select(thin, 1.0 - fall * (0.5 - fall * (1.0 / 6.0)), (1.0 - dr.exp(-safe)) / safe)
-
-
-def centroid(depth: Float) -> Float:
-    """Centroid of exp(−depth · x) over 0…1: its middle in thin matter, its front in dense."""
-    thick = dr.fmax(depth, 1e-2)
-    return dr.select(depth > 1e-2, 1.0 / thick - 1.0 / (dr.exp(thick) - 1.0), 0.5 - depth / 12.0)
 
 
 @dr.syntax
@@ -305,32 +290,21 @@ def radiance_from_sample(
     without regard to where more of the matter is, stands for both together. seen: share of its light that reaches the
     eye, at most.
     """
-    elements, texel_hit = (
-        (_elements_along(medium, step, direction), None) if medium.rough else medium.elements(step, direction)
-    )
+    places, texel_hit = 1, None
+    if medium.rough:
+        places, elements = len(PLACES), elements_along(medium, step, direction)
+    elif medium.patchy:
+        places, elements = 2, elements_of_parts(medium, step, direction)
+    else:
+        elements, texel_hit = medium.elements(step, direction)
     coefficients = [lighting.materials.coefficients(element.material) for element in elements]
     if lighting.voxel_bases:
-        colour, first = medium.colour(coloured), len(coefficients) // (len(PLACES) if medium.rough else 1)
+        colour, first = medium.colour(coloured), len(coefficients) // places
         coefficients[::first] = [lighting.with_voxel_colour(c, step.ray.box, colour) for c in coefficients[::first]]
     extinction = step.depth / (step.end - step.begin)
     light, lamps = lighting.reflected_radiance(point, -direction, elements, coefficients, texel_hit, extinction, seen)
     smooth = lighting.field.scattered(point, -direction, elements, coefficients) if lighting.field else []
     return light, lamps, smooth
-
-
-def _elements_along(medium: Medium, step: MarchInterval, direction: Array3f) -> list[Element]:
-    """Elements at several places of a step, each with its share: in rough matter those of one place are no mean.
-
-    Light that arrives changes less: that of one place stands for all. Rough matter has no texels.
-    """
-    middle, spread = centroid(step.depth), dr.rsqrt(12.0 + step.depth * step.depth)  # and deviation of exp(−D)
-    elements: list[Element] = []
-    for place in PLACES:
-        share = share_at_depth(clip(dr.fma(place, spread, middle), 0.0, 1.0), step.growth)
-        here = medium.sample(step, dr.fma(share, step.end - step.begin, step.begin))
-        each, _ = medium.elements(here, direction)
-        elements += [replace(element, share=element.share * (1.0 / len(PLACES))) for element in each]
-    return elements
 
 
 @dr.syntax

@@ -87,6 +87,7 @@ class Medium:
         shadow_biases = np.array([box.shadow_bias for box in self.boxes], np.float32)
         self.shadow_biases = lookup(jit.Float, shadow_biases) if shadow_biases.any() else None
         self.rough, self.two_areas = self._is_rough(), tolerance < DEFAULT_TOLERANCE
+        self.patchy = self._is_patchy()
         self.tolerance = dr.opaque(jit.Float, tolerance / DEFAULT_TOLERANCE)  # in units of the usual one
         self.negligible = dr.opaque(jit.Float, negligible_depth(self.boxes))
         dr.eval(self.coarse, self.fine)
@@ -101,6 +102,12 @@ class Medium:
             return False
         axes = not self.kinds.tangents and max(box.bricks.character[1] for box in self.boxes) > ROUGH
         return self.kinds.mixed or axes
+
+    def _is_patchy(self) -> bool:
+        """Whether materials lie side by side, so that a step may have two of them."""
+        if self.differentiable or self.textures:
+            return False
+        return any(len(box.materials) > 1 and box.bricks.material is not None for box in self.boxes)
 
     def cross(
         self,

@@ -26,7 +26,8 @@ class Element:
 
     shadow_bias: of an opaque skin, see `VolumeBox` [m]; None where no box has any. gamma: half width of the facets
     [rad], None: that of the material. across: of surfaces, from their front to their back where they let light through
-    [m], 0 of others; None where none does. ground: of surfaces, see `SurfaceHit`.
+    [m], 0 of others; None where none does. ground: of surfaces, see `SurfaceHit`. there: of which samples it is a part;
+    None: of all.
     """
 
     axis: Array3f
@@ -37,6 +38,7 @@ class Element:
     gamma: Float | None = None
     across: Array3f | None = None
     ground: Array3f | None = None
+    there: Bool | None = None
 
     def shadow_origin(self, point: Array3f, to_lamp: Array3f) -> Array3f:
         """Origin of the shadow ray of the element at `point`, offset by its shadow bias so as to miss its own skin.

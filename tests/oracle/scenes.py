@@ -24,6 +24,8 @@ BULB = hg.Spectrum((380, 780), (0.2, 1.4))
 SHINY = hg.Reflectance(0.25, 0.3, 0.25, 1.5, RED)
 MATTE = hg.Reflectance(0.3, 0.0, 0.2, 1.5, GREY)
 GRAINS = hg.Reflectance(0.25, 0.3, 0.3, 1.4, BLUE, element="sphere")
+MATTE_GRAINS = hg.Reflectance(0.3, 0.0, 0.3, 1.5, GREY, element="sphere")
+DARK_GRAINS = hg.Reflectance(0.03, 0.0, 0.3, 1.5, GREY, element="sphere")
 THREADS = hg.Reflectance(0.25, 0.3, 0.3, 1.5, RED, element="cylinder")
 
 
@@ -74,6 +76,7 @@ def cases() -> list[OracleCase]:
         _case("tailed facets under a spot", [hard_ball(matter=TAILED)], [SPOT]),
         _case("lamp close to a box", [gaussian_ball(8.0)], [hg.Lamp(position=(0.06, -0.16, 0.1), intensity=0.05)]),
         _case("two materials, colour of voxels", [coloured_block()], [DAYLIGHT, LOW_LAMP], FEW),
+        _case("patches of two materials", [patches()], [DAYLIGHT]),
         _orthographic("turned ball, parallel rays", [hard_ball(20.0, 35.0)], [DAYLIGHT]),
         *(_case(f"block, {each:g} depths a voxel", [block(each)], [DAYLIGHT]) for each in (0.5, 1.0, 4.0)),
         _case("block, 1 depth a voxel, lamp at 5°", [block(1.0)], [lamp_above_face(5.0)]),
@@ -201,6 +204,15 @@ def coloured_block() -> OracleVoxels:
     number = (x > 0.02).astype(np.uint8)
     axis = np.array([0.2, -0.5, 0.8]) / math.sqrt(0.93)
     return box_of(np.ones(x.shape), axis, 0.5, [SHINY, GRAINS], material=number, body_colour=colour, basis=(RED, BLUE))
+
+
+def patches() -> OracleVoxels:
+    """A Gaussian ball of grains, bright ones and dark ones in patches of a few voxels."""
+    count = 29
+    radius, normal = outwards(*centres((count, count, count)))
+    number = sum(np.sin(1.3 * np.arange(count) + k).reshape([-1 if k == j else 1 for j in range(3)]) for k in range(3))
+    density = np.exp(-0.5 * (radius / 0.05) ** 2)
+    return box_of(density, normal, 1.2, [MATTE_GRAINS, DARK_GRAINS], material=(number > 0.0).astype(np.uint8))
 
 
 def block(
