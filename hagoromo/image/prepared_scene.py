@@ -6,6 +6,7 @@ It knows no mode. A cache keeps what the next scene may use again.
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Callable
 from typing import Any, TypeVar
 
@@ -124,12 +125,30 @@ class PreparedScene:
         self.lighting = Lighting(scene.lamps, materials, attenuation, bases, together, medium.differentiable)
 
     def camera_radiance(self, origin: Array3f, direction: Array3f, phase: Float) -> tuple[list[Float], Float]:
-        """`radiance` along rays of the camera, which begin `ahead` of it."""
+        """`radiance` along rays of the camera, which begin `ahead` of it.
+
+        Of many lamps it is the sum of what parts of them give, each by a kernel of its own: one for all would take long
+        to compile, and to run, as what it holds of a ray grows with their number.
+        """
+        parts = self.lighting.in_parts()
+        if len(parts) == 1:
+            return self._camera_radiance(self.lighting, origin, direction, phase)
+        channels: list[Float] = []
+        evaluate(origin, direction)
+        for part in parts:
+            more, alpha = self._camera_radiance(part, origin, direction, phase)
+            evaluate(more, alpha)  # apart from the sum, so that parts may have one kernel
+            channels = [*map(operator.add, channels, more), *channels[len(more) :]] if channels else more
+        return channels, alpha
+
+    def _camera_radiance(
+        self, lighting: Lighting, origin: Array3f, direction: Array3f, phase: Float
+    ) -> tuple[list[Float], Float]:
         if self.cut is None:
-            return self.radiance(origin, direction, phase, self.first_width)
+            return self.radiance(origin, direction, phase, self.first_width, lighting=lighting)
         begin, length = self.cut.span(origin, direction)
         width = dr.fma(begin, self.spread, self.first_width)
-        return self.radiance(dr.fma(direction, begin, origin), direction, phase, width, length)
+        return self.radiance(dr.fma(direction, begin, origin), direction, phase, width, length, lighting)
 
     def radiance(
         self,
@@ -138,45 +157,49 @@ class PreparedScene:
         phase: Float = 0.0,
         width: Float = 0.0,
         length: Float | None = None,
+        lighting: Lighting | None = None,
     ) -> tuple[list[Float], Float]:
         """Weights of the radiance towards `origin` along rays, one Float per channel, and their alpha 0…1 (opacity).
 
         origin: counted from that of the scene, `self.origin`. width: of the rays there [m]. length: of the rays [m],
-        default infinite.
+        default infinite. lighting: a part of that of the scene, default all.
         """
-        behind, far = self.behind(origin, direction, length)
+        lighting = lighting or self.lighting
+        behind, far = self.behind(origin, direction, length, lighting)
         if self.medium is None:
             return behind, dr.select(dr.isfinite(far), 1.0, arrays().Float(0))
-        smooth = self.lighting.field is not None  # which is that of texels at their finest level
+        smooth = lighting.field is not None  # which is that of texels at their finest level
         cone = (0.0, 0.0) if smooth else (arrays().Float(width), self.spread)
         end = far if length is None else dr.minimum(far, length)
         near = arrays().Float(0)
-        channels, passed = march(self.medium, self.lighting, origin, direction, near, end, phase, cone=cone)
+        channels, passed = march(self.medium, lighting, origin, direction, near, end, phase, cone=cone)
         channels = [dr.fma(passed, back, front) for front, back in zip(channels, behind, strict=True)]
         return channels, 1.0 - dr.select(dr.isfinite(far), 0.0, passed)
 
-    def behind(self, origin: Array3f, direction: Array3f, length: Float | None = None) -> tuple[list[Float], Float]:
+    def behind(
+        self, origin: Array3f, direction: Array3f, length: Float | None = None, lighting: Lighting | None = None
+    ) -> tuple[list[Float], Float]:
         """What rays see of surfaces, without matter in front of them, and the distance to these [m], infinite without.
 
         See `radiance`.
         """
-        jit, far = arrays(), arrays().Float(dr.inf)
+        jit, far, lighting = arrays(), arrays().Float(dr.inf), lighting or self.lighting
         if not self.surfaces:
-            return [jit.Float(0)] * self.lighting.channels, far
+            return [jit.Float(0)] * lighting.channels, far
         hit = self.surfaces.hit(origin, direction)
-        if self.lighting.surface_light:
+        if lighting.surface_light:
             evaluate(hit)  # else its rays would be traced once more after those of the patches
         far = hit.distance if length is None else dr.select(hit.distance < length, hit.distance, dr.inf)
-        materials, textures = self.lighting.materials, self.surface_colours
+        materials, textures = lighting.materials, self.surface_colours
         element = surface_element(materials, self.first_on_surface, hit, textures, self.thickness)
         coefficients = materials.coefficients(element.material)
         if textures is not None:
             coefficients = textures.with_textures(coefficients, hit)
-        light, _ = self.lighting.reflected_radiance(hit.point, -direction, [element], [coefficients])
-        channels = self.lighting.in_groups(light)
-        if self.lighting.surface_light:
+        light, _ = lighting.reflected_radiance(hit.point, -direction, [element], [coefficients])
+        channels = lighting.in_groups(light)
+        if lighting.surface_light:
             there = dr.isfinite(far)
-            channels += self.lighting.surface_light.radiance(hit.point, element, coefficients, -direction, there)
+            channels += lighting.surface_light.radiance(hit.point, element, coefficients, -direction, there)
         return [dr.select(dr.isfinite(far), channel, 0.0) for channel in channels], far
 
 

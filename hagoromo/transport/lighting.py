@@ -7,7 +7,9 @@ with one spectrum and every colour of the palette (MODEL §5). Exposing through 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, NamedTuple, Protocol
 
 import drjit as dr
@@ -21,6 +23,7 @@ from hagoromo.transport.materials import Materials
 from hagoromo.transport.palette import position_of
 from hagoromo.transport.sample import Element, TexelHit
 
+LAMPS_OF_A_PART = 16  # of a kernel that follows rays of the camera; one of 32 takes twice as long to compile
 MOST_LAMPS = 512  # of one kernel, each a part of it; pictures are made of batches of fewer
 ShadowRay = tuple[Array3f, Array3f, Float]  # origin, to_lamp, distance to the lamp [m]
 AttenuationOfAll = Callable[[list[ShadowRay]], list[Float]]  # transmittance 0…1 of each; see `DifferentiableMedium`
@@ -59,6 +62,11 @@ class LampRow(NamedTuple):
     def groups(self) -> Sequence[tuple[int, Float]]:
         """Each group of its light, and its share."""
         return self.shares or [(self.group, 1.0)]
+
+    @property
+    def kind(self) -> tuple[bool, str, Sequence[int]]:
+        """Equal for lamps that are the same code in a kernel."""
+        return self.light.near, type(self.light.beam).__name__, [group for group, _ in self.groups]
 
 
 class Arrived(NamedTuple):
@@ -142,6 +150,26 @@ class Lighting:
             shares = [dr.opaque(jit.Float, one / total if total > 0.0 else 0.0) for one in strengths]
             each = list(zip(groups, shares, strict=True)) if len(numbers) > 1 else []
             self.lamps.append(LampRow(LampLight(lamp, total), groups[0], each))
+
+    def in_parts(self) -> list[Lighting]:
+        """Of many lamps, LAMPS_OF_A_PART at most in each, those of one kind together; light of higher orders is in the
+        first. Parts that have the same kinds of lamps have the same kernels.
+        """
+        attenuation, count = self.attenuation, -(-len(self.lamps) // LAMPS_OF_A_PART)
+        if count <= 1 or self.all_at_once:
+            return [self]
+        order = sorted(range(len(self.lamps)), key=lambda number: self.lamps[number].kind)
+        size = -(-len(order) // count)
+        parts = []
+        for numbers in (order[first : first + size] for first in range(0, len(order), size)):
+            part = copy(self)
+            part.lamps = [self.lamps[number] for number in numbers]
+            if attenuation is not None:
+                part.attenuation = partial(_of_part, attenuation, numbers)
+            if parts:
+                part.field = part.surface_light = None
+            parts.append(part)
+        return parts
 
     @property
     def channels(self) -> int:
@@ -289,6 +317,11 @@ class Lighting:
             true_fn=lambda way: attenuation(lamp, way),
             false_fn=lambda way: Float(0),
         )
+
+
+def _of_part(attenuation: Attenuation, numbers: Sequence[int], lamp: int, way: WayToLamp) -> Float:
+    """The `attenuation` of a lamp of a part, of which `numbers` are those in all."""
+    return attenuation(numbers[lamp], way)
 
 
 def _strength(lamp: Lamp) -> float:

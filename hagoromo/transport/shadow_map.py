@@ -86,6 +86,7 @@ class ShadowMaps:
         corners = np.concatenate([box.matter_corners() for box in medium.boxes])
         self.views = [view_from(lamp, corners) for lamp in lamps]
         self.side, self.size = resolution, dr.opaque(jit.UInt, resolution)
+        self.first_rows = [dr.opaque(jit.UInt, number * resolution) for number in range(len(lamps))]
         self.words = dr.full(jit.UInt, UNUSED, len(lamps) * resolution**2 * WORDS)
         lane, each = dr.arange(jit.UInt, len(lamps) * resolution**2), self.size * self.size
         lamp, lane = lane // each, lane % each
@@ -121,7 +122,7 @@ class ShadowMaps:
         a, b = (clip(x * size - 0.5, 0.0, size - 1.001) for x in (a, b))
         column, row = jit.UInt(a), jit.UInt(b)
         a, b = a - jit.Float(column), b - jit.Float(row)
-        begin = (lamp * self.size + row) * self.size + column
+        begin = (self.first_rows[lamp] + row) * self.size + column
         side = dr.select(a > b, 1, self.size)  # the triangle of the square that the point is in
         first, second, last = (dr.exp(-self._depth(ray, tick)) for ray in (begin, begin + side, begin + self.size + 1))
         passed = dr.fma(dr.fmin(a, b), last - second, dr.fma(dr.fmax(a, b), second - first, first))
