@@ -23,6 +23,7 @@ from hagoromo.image.settings import Settings
 from hagoromo.image.texture_tables import key_of_textures, surface_colours
 from hagoromo.image.traced_surfaces import Surfaces
 from hagoromo.light.lamp import by_place
+from hagoromo.light.lamp_light import LampInTurn
 from hagoromo.transport.differentiable_medium import differentiable_attenuation
 from hagoromo.transport.film import tile_order as tile_order
 from hagoromo.transport.gamma_rows import GammaRows
@@ -263,7 +264,7 @@ def gamma_rows_of(scene: Scene) -> GammaRows | None:
 def _attenuation(boxes_shade: Attenuation | None, surfaces: Surfaces | None) -> Attenuation:
     """Transmittance from a lamp to a point through all boxes, 0 behind a surface."""
 
-    def share(lamp: int, way: WayToLamp) -> Float:
+    def share(lamp: int | LampInTurn, way: WayToLamp) -> Float:
         passed = boxes_shade(lamp, way) if boxes_shade else arrays().Float(1)
         return dr.select(surfaces.visible(way.origin, way.to_lamp, way.distance), passed, 0.0) if surfaces else passed
 

@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import drjit as dr
 
-from hagoromo.backend import Array3f, Float, arrays, opaque_vector
+from hagoromo.backend import Array3f, Float, UInt, arrays, opaque_vector
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.wide_light import LightDrawn, RayEnd
+
+
+class LampInTurn(NamedTuple):
+    """The number of a lamp that a loop in a kernel counts; near: whether its lamps are near ones, else all are far."""
+
+    number: UInt
+    near: bool
 
 
 class LampLight:

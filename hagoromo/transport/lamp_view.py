@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import drjit as dr
 import numpy as np
 
-from hagoromo.backend import Array3f, Float, UInt, arrays, opaque_vector
+from hagoromo.backend import Array3f, Float, UInt, arrays, lookup
 from hagoromo.light.lamp import Lamp
+from hagoromo.light.lamp_light import LampInTurn
 
+ROW = 20  # numbers of a view
 TICKS = 65535.0  # of a distance in 16 bits
 WIDEST_TANGENT = math.tan(math.radians(75))  # of the half angle; a wider view is mapped onto an octahedron
 
@@ -22,17 +25,12 @@ class LampView:
     exact a map as one in the room.
     """
 
-    def __init__(self, kind: str, middle: np.ndarray, axes: np.ndarray, extent: float, reach: tuple) -> None:
-        """`kind`: lines, pyramid or octahedron. `middle`: of the matter. `axes`: right, up, and ahead from the lamp to
-        the middle. `extent`: half the width of the square, at distance 1 in a pyramid [m]. `reach`: distance of the
-        lamp from the middle (lines: 0), and of the ends of all matter before and behind the middle [m].
-        """
-        jit, (away, front, back) = arrays(), map(float, reach)
-        self.kind, self.extent = kind, dr.opaque(jit.Float, extent)
-        self.folded = dr.opaque(jit.Bool, kind == "octahedron")
-        self.away, self.front, self.depth = (dr.opaque(jit.Float, d) for d in (away, front, front + back))
-        self.before = dr.opaque(jit.Float, away - front)  # from the lamp to where rays begin
-        self.middle, (self.right, self.up, self.ahead) = opaque_vector(middle), map(opaque_vector, axes)
+    def __init__(self, kind: str, numbers: Sequence[Float]) -> None:
+        """`kind`: lines, pyramid or octahedron, see `view_from`. numbers: see `row_of`."""
+        vectors = [arrays().Array3f(*numbers[k : k + 3]) for k in range(8, ROW, 3)]
+        self.kind, self.folded = kind, numbers[1] > 0.5
+        self.extent, _, self.away, self.front, self.depth, self.before = numbers[:6]
+        self.middle, self.right, self.up, self.ahead = vectors
 
     def ticks(self) -> tuple[Float, Float]:
         """Distance of tick 0 [m], and ticks per metre [1/m]: TICKS of them span all matter."""
@@ -80,6 +78,23 @@ class LampView:
         return self.middle + begin, dr.select(self.folded, turned, straight)
 
 
+class LampViews:
+    """The views of lamps: one by one, and for loops that go through lamps, as rows of numbers."""
+
+    def __init__(self, lamps: Sequence[Lamp], corners: np.ndarray) -> None:
+        """`corners`: see `view_from`."""
+        made = [view_from(lamp, corners) for lamp in lamps]
+        self.each = [LampView(kind, [dr.opaque(arrays().Float, float(v)) for v in row]) for kind, row in made]
+        self.rows = lookup(arrays().Float, np.concatenate([row for _, row in made]))
+
+    def of(self, lamp: int | LampInTurn) -> LampView:
+        """The view of a lamp."""
+        if isinstance(lamp, int):
+            return self.each[lamp]
+        packets = [dr.gather(arrays().Array4f, self.rows, lamp.number * (ROW // 4) + k) for k in range(ROW // 4)]
+        return LampView("pyramid" if lamp.near else "lines", [packet[k] for packet in packets for k in range(4)])
+
+
 def _flat(x: Float, y: Float, z: Float, extent: Float) -> tuple[Float, Float]:
     """Square coordinates on the base of a pyramid."""
     scale = 0.5 / (extent * z)
@@ -95,21 +110,44 @@ def _folded(x: Float, y: Float, z: Float) -> tuple[Float, Float]:
     return 0.5 * u + 0.5, 0.5 * v + 0.5
 
 
-def view_from(lamp: Lamp, corners: np.ndarray) -> LampView:
-    """The view of a lamp that covers the world points `corners` (n, 3)."""
+def view_from(lamp: Lamp, corners: np.ndarray) -> tuple[str, np.ndarray]:
+    """The kind of view of a lamp that covers the world points `corners` (n, 3), and its row of numbers."""
     middle = corners.mean(axis=0)
     radius = float(np.linalg.norm(corners - middle, axis=1).max())
     if not lamp.near:
         axes = _axes(-lamp.place)
         extent = 1.01 * np.abs((corners - middle) @ axes[:2].T).max()
-        return LampView("lines", middle, axes, float(extent), (0.0, 1.1 * radius, 1.1 * radius))
+        return "lines", row_of("lines", middle, axes, float(extent), (0.0, 1.1 * radius, 1.1 * radius))
     axes, away = _axes(middle - lamp.place), float(np.linalg.norm(middle - lamp.place))
     reach = away, min(away, 1.01 * radius), 1.01 * radius
     across, along = (corners - lamp.place) @ axes[:2].T, (corners - lamp.place) @ axes[2]
     extent = float(np.max(np.abs(across) / along[:, None])) if (along > 0).all() else math.inf
     if extent > WIDEST_TANGENT:
-        return LampView("octahedron", middle, axes, 1.0, reach)
-    return LampView("pyramid", middle, axes, 1.01 * extent, reach)
+        return "octahedron", row_of("octahedron", middle, axes, 1.0, reach)
+    return "pyramid", row_of("pyramid", middle, axes, 1.01 * extent, reach)
+
+
+def row_of(
+    kind: str, middle: np.ndarray, axes: np.ndarray, extent: float, reach: tuple[float, float, float]
+) -> np.ndarray:
+    """Numbers of a view, (ROW,). middle: (3,) of the matter. axes: (3, 3) right, up, and ahead from the lamp to the
+    middle. extent: half the width of the square, at distance 1 in a pyramid [m]. reach: distance of the lamp from the
+    middle (lines: 0), and of the ends of all matter before and behind the middle [m].
+    """
+    away, front, back = reach
+    figures = [
+        extent,
+        kind == "octahedron",
+        away,
+        front,
+        front + back,
+        away - front,
+        0.0,
+        0.0,
+        *middle,
+        *np.ravel(axes),
+    ]
+    return np.array(figures, np.float32)
 
 
 def _axes(ahead: np.ndarray) -> np.ndarray:

@@ -13,17 +13,19 @@ from functools import partial
 from typing import Any, NamedTuple, Protocol
 
 import drjit as dr
+import numpy as np
 
-from hagoromo.backend import Array3f, Array4f, Bool, Float, UInt, arrays
+from hagoromo.backend import Array3f, Array4f, Bool, Float, UInt, arrays, lookup
 from hagoromo.errors import InputError
 from hagoromo.light.lamp import Lamp, by_place
-from hagoromo.light.lamp_light import LampLight
+from hagoromo.light.lamp_light import LampInTurn, LampLight
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.transport.materials import Materials
 from hagoromo.transport.palette import position_of
 from hagoromo.transport.sample import Element, TexelHit
 
 LAMPS_OF_A_PART = 16  # of a kernel that follows rays of the camera; one of 32 takes twice as long to compile
+MOST_UNROLLED = 4  # lamps whose shadows are in a kernel one by one
 MOST_LAMPS = 512  # of one kernel, each a part of it; pictures are made of batches of fewer
 ShadowRay = tuple[Array3f, Array3f, Float]  # origin, to_lamp, distance to the lamp [m]
 AttenuationOfAll = Callable[[list[ShadowRay]], list[Float]]  # transmittance 0…1 of each; see `DifferentiableMedium`
@@ -45,7 +47,7 @@ class WayToLamp:
     texel_hit: TexelHit | None
 
 
-Attenuation = Callable[[int, WayToLamp], Float]  # (lamp number, way) → transmittance 0…1
+Attenuation = Callable[[int | LampInTurn, WayToLamp], Float]  # (lamp number, way) → transmittance 0…1
 
 
 class LampRow(NamedTuple):
@@ -216,11 +218,16 @@ class Lighting:
         light: list[Any] = []
         passed: list[Any] = []
         arrived = [self._arrived(lamp, point, to_eye, elements, texel_hit) for lamp in range(len(self.lamps))]
-        ahead = self._transmittances(point, elements[0], arrived) if self.all_at_once and self.attenuation else []
-        for number, (to_lamp, distance, irradiance, weights, lit) in enumerate(arrived):
+        ways = [WayToLamp(point, each.to_lamp, each.distance, extinction, seen, texel_hit) for each in arrived]
+        ahead: list[Float] = []
+        if self.all_at_once and self.attenuation:
+            ahead = self._transmittances(point, elements[0], arrived)
+        elif self._in_turn and self.attenuation:
+            ahead = self._transmittances_in_turn(elements[0], ways, [each.lit for each in arrived])
+        for number, (_, _, irradiance, weights, lit) in enumerate(arrived):
             passed.append(arrays().Float(1))
             if self.attenuation is not None:
-                way = WayToLamp(point, to_lamp, distance, extinction, seen, texel_hit)
+                way = ways[number]
                 transmittance = ahead[number] if ahead else self.transmittance(number, lit, elements[0], way)
                 passed[-1], irradiance = dr.select(lit, transmittance, 1.0), irradiance * transmittance
             for j in range(len(palette.colours)):
@@ -275,7 +282,7 @@ class Lighting:
                 channels[channel] = channels[channel] + each * share
         return channels
 
-    def transmittance(self, lamp: int, lit: Bool, element: Element, way: WayToLamp) -> Float:
+    def transmittance(self, lamp: int | LampInTurn, lit: Bool, element: Element, way: WayToLamp) -> Float:
         """Transmittance of a `way` from an `element` to a lamp; looked up only where matter faces the lamp (`lit`).
 
         With a shadow bias it is the lesser one of two rays: the first, past the skin of the element, has the shadows
@@ -289,6 +296,31 @@ class Lighting:
         origin, rest = element.far_shadow_origin(way.origin, way.to_lamp, way.distance)
         second = self._looked_up(lamp, biased, replace(way, origin=origin, distance=rest, extinction=0.0))
         return dr.select(biased, dr.fmin(first, second), first)
+
+    @property
+    def _in_turn(self) -> bool:
+        """Whether a loop goes through the lamps, which are many and of one kind."""
+        return len(self.lamps) > MOST_UNROLLED and len({row.light.near for row in self.lamps}) == 1
+
+    def _transmittances_in_turn(self, element: Element, ways: list[WayToLamp], lit: list[Bool]) -> list[Float]:
+        """`transmittance` from every lamp, whose code is in the kernel once."""
+        jit = arrays()
+
+        def one(number: UInt, *passed: Float) -> tuple[UInt | Float, ...]:
+            here = [number == k for k in range(len(ways))]
+            way, asked = ways[0], lit[0]
+            to_lamp, distance = jit.Array3f(way.to_lamp), jit.Float(way.distance)
+            for is_it, other, also in zip(here[1:], ways[1:], lit[1:], strict=True):
+                to_lamp = dr.select(is_it, other.to_lamp, to_lamp)
+                distance = dr.select(is_it, other.distance, distance)
+                asked = dr.select(is_it, also, asked)
+            way = replace(way, to_lamp=to_lamp, distance=distance)
+            found = self.transmittance(LampInTurn(number, self.lamps[0].light.near), asked, element, way)
+            return number + 1, *(dr.select(is_it, found, old) for is_it, old in zip(here, passed, strict=True))
+
+        start = jit.UInt(0), *(jit.Float(0) for _ in ways)
+        _, *passed = dr.while_loop(start, lambda number, *passed: number < len(ways), one)
+        return passed
 
     def _transmittances(self, point: Array3f, element: Element, arrived: list[Arrived]) -> list[Float]:
         """`transmittance` from every lamp, all at once; 1 where it lights nothing."""
@@ -306,7 +338,7 @@ class Lighting:
         pairs = zip(passed[::2], passed[1::2], strict=True)
         return [dr.select(biased, dr.fmin(first, second), first) for first, second in pairs]
 
-    def _looked_up(self, lamp: int, where: Bool, way: WayToLamp) -> Float:
+    def _looked_up(self, lamp: int | LampInTurn, where: Bool, way: WayToLamp) -> Float:
         """Transmittance of a `way` to a lamp, 0 but `where` it is asked for."""
         attenuation, Float = self.attenuation, arrays().Float
         assert attenuation is not None
@@ -319,9 +351,12 @@ class Lighting:
         )
 
 
-def _of_part(attenuation: Attenuation, numbers: Sequence[int], lamp: int, way: WayToLamp) -> Float:
+def _of_part(attenuation: Attenuation, numbers: Sequence[int], lamp: int | LampInTurn, way: WayToLamp) -> Float:
     """The `attenuation` of a lamp of a part, of which `numbers` are those in all."""
-    return attenuation(numbers[lamp], way)
+    if isinstance(lamp, int):
+        return attenuation(numbers[lamp], way)
+    in_all = lookup(arrays().UInt, np.array(numbers, np.uint32))
+    return attenuation(lamp._replace(number=dr.gather(arrays().UInt, in_all, lamp.number)), way)
 
 
 def _strength(lamp: Lamp) -> float:

@@ -10,6 +10,7 @@ import numpy as np
 
 from hagoromo.backend import Float, arrays
 from hagoromo.light.lamp import Lamp
+from hagoromo.light.lamp_light import LampInTurn
 from hagoromo.transport.frames import DEFAULT_TOLERANCE
 from hagoromo.transport.lighting import Attenuation, WayToLamp
 from hagoromo.transport.march import optical_depth
@@ -65,7 +66,7 @@ def mapped_attenuation(
     near = dr.opaque(jit.Float, MARCHED_VOXELS / math.sqrt(finer) * length)
     dense = dr.opaque(jit.Float, DENSE * looser / length)
 
-    def transmittance(lamp: int, way: WayToLamp) -> Float:
+    def transmittance(lamp: int | LampInTurn, way: WayToLamp) -> Float:
         if way.texel_hit is None:  # no box has a texel, or the point is on a surface
             behind, reach = looked_up(lamp, way)
         else:
@@ -74,7 +75,7 @@ def mapped_attenuation(
             )
         return behind * marched(way, reach)
 
-    def out_of_texel(lamp: int, way: WayToLamp) -> tuple[Float, Float]:
+    def out_of_texel(lamp: int | LampInTurn, way: WayToLamp) -> tuple[Float, Float]:
         texel_hit = way.texel_hit
         assert texel_hit is not None
         length = way_out(medium, texel_hit, way.to_lamp, way.distance)
@@ -84,7 +85,7 @@ def mapped_attenuation(
         outside = dr.fma(way.to_lamp, dr.fmin(length, way.distance), way.origin)
         return dr.exp(-depth) * maps.transmittance(lamp, outside)[0], jit.Float(0)
 
-    def looked_up(lamp: int, way: WayToLamp) -> tuple[Float, Float]:
+    def looked_up(lamp: int | LampInTurn, way: WayToLamp) -> tuple[Float, Float]:
         reach = dr.fmin(dr.select(way.extinction > dense, near, 0.0), way.distance)
         behind, difference = maps.transmittance(lamp, dr.fma(way.to_lamp, reach, way.origin))
         uneven = difference > dr.fma(share, behind, least)

@@ -17,10 +17,11 @@ import numpy as np
 from hagoromo.backend import Array3f, Float, UInt, arrays, check_entries, clip, recorded_once
 from hagoromo.files.memory import require
 from hagoromo.light.lamp import Lamp
+from hagoromo.light.lamp_light import LampInTurn
 from hagoromo.transport.crossing import Cone, MarchInterval
 from hagoromo.transport.film import TILE, tile_place
 from hagoromo.transport.intervals import depth_at, in_slot, nothing_open, opened, put
-from hagoromo.transport.lamp_view import view_from
+from hagoromo.transport.lamp_view import LampViews
 from hagoromo.transport.medium import Limit, Medium
 from hagoromo.transport.textures import HIDDEN_OPTICAL_DEPTH
 
@@ -84,7 +85,8 @@ class ShadowMaps:
         check_entries(len(lamps) * resolution**2 * WORDS, what)
         require(4 * WORDS * len(lamps) * resolution**2, what)
         corners = np.concatenate([box.matter_corners() for box in medium.boxes])
-        self.views = [view_from(lamp, corners) for lamp in lamps]
+        self.views = LampViews(lamps, corners)
+        first, *others = self.views.each
         self.side, self.size = resolution, dr.opaque(jit.UInt, resolution)
         self.first_rows = [dr.opaque(jit.UInt, number * resolution) for number in range(len(lamps))]
         self.words = dr.full(jit.UInt, UNUSED, len(lamps) * resolution**2 * WORDS)
@@ -95,10 +97,10 @@ class ShadowMaps:
         tolerance = KNOT_TOLERANCE * dr.fmax(
             dr.sqrt(dr.sqrt(medium.tolerance)), medium.tolerance
         )  # finer ones would use up the knots
-        writer = KnotWriter(self.words, lamp * each + row * self.size + column, self.views[0].ticks(), tolerance)
-        origin, direction = self.views[0].ray(a, b)
-        cone = self.views[0].cone(self.size)
-        for number, view in enumerate(self.views[1:], 1):
+        writer = KnotWriter(self.words, lamp * each + row * self.size + column, first.ticks(), tolerance)
+        origin, direction = first.ray(a, b)
+        cone = first.cone(self.size)
+        for number, view in enumerate(others, 1):
             here = lamp == number
             origin, direction = (
                 dr.select(here, n, o) for n, o in zip(view.ray(a, b), (origin, direction), strict=True)
@@ -111,27 +113,28 @@ class ShadowMaps:
             write_knots(medium, origin, direction, writer, cone)
         dr.eval(self.words)
 
-    def transmittance(self, lamp: int, point: Array3f) -> tuple[Float, Float]:
+    def transmittance(self, lamp: int | LampInTurn, point: Array3f) -> tuple[Float, Float]:
         """Transmittance from a lamp to `point` (world), interpolated between the three map rays around it, and the
         difference between their largest and least.
         """
-        jit, size, view = arrays(), arrays().Float(self.size), self.views[lamp]
+        jit, size, view = arrays(), arrays().Float(self.size), self.views.of(lamp)
         a, b, distance = view.place(point)
         near, scale = view.ticks()
         tick = clip((distance - near) * scale, 0.0, LAST_TICK)
         a, b = (clip(x * size - 0.5, 0.0, size - 1.001) for x in (a, b))
         column, row = jit.UInt(a), jit.UInt(b)
         a, b = a - jit.Float(column), b - jit.Float(row)
-        begin = (self.first_rows[lamp] + row) * self.size + column
+        first_row = self.first_rows[lamp] if isinstance(lamp, int) else lamp.number * self.size
+        begin = (first_row + row) * self.size + column
         side = dr.select(a > b, 1, self.size)  # the triangle of the square that the point is in
         first, second, last = (dr.exp(-self._depth(ray, tick)) for ray in (begin, begin + side, begin + self.size + 1))
         passed = dr.fma(dr.fmin(a, b), last - second, dr.fma(dr.fmax(a, b), second - first, first))
         most, least = dr.fmax(dr.fmax(first, second), last), dr.fmin(dr.fmin(first, second), last)
         return passed, most - least
 
-    def ray_spacing(self, lamp: int, point: Array3f) -> Float:
+    def ray_spacing(self, lamp: int | LampInTurn, point: Array3f) -> Float:
         """Distance between neighbouring map rays at `point` [m]."""
-        view = self.views[lamp]
+        view = self.views.of(lamp)
         width, spread = view.cone(self.size)
         return dr.fma(spread, view.place(point)[2], width)
 

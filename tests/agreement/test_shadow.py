@@ -18,7 +18,7 @@ from hagoromo.image.surface import Surface
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.reflectance import Reflectance
-from hagoromo.transport.lamp_view import view_from
+from hagoromo.transport.lamp_view import LampViews
 from hagoromo.volume.box import VolumeBox
 
 WHITE = Spectrum.constant(1.0)
@@ -150,7 +150,7 @@ def test_the_view_of_a_lamp_and_its_rays_are_inverse(lamp, kind):
     from hagoromo.backend import arrays
 
     corners = np.array([(x, y, z) for x in (-0.2, 0.2) for y in (-0.2, 0.2) for z in (0.0, 0.1)])
-    view = view_from(lamp, corners)
+    view = LampViews([lamp], corners).of(0)
     assert view.kind == kind
     a, b = (arrays().Float(v) for v in np.random.default_rng(2).random((2, 4001)))
     origin, direction = view.ray(a, b)
