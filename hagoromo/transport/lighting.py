@@ -36,7 +36,8 @@ class WayToLamp:
     """The straight way from a point of matter or of a surface to a lamp.
 
     origin: world [m]. to_lamp: unit. distance: to the lamp [m]. extinction: around the point [1/m]. seen: share of the
-    point's light that reaches the eye, at most. texel_hit: its place in a texel; None without texels.
+    point's light that reaches the eye, at most. texel_hit: its place in a texel; None without texels. box: number of
+    that which the point is matter of; None of a surface.
     """
 
     origin: Array3f
@@ -45,6 +46,7 @@ class WayToLamp:
     extinction: Float
     seen: Float
     texel_hit: TexelHit | None
+    box: UInt | None = None
 
 
 Attenuation = Callable[[int | LampInTurn, WayToLamp], Float]  # (lamp number, way) → transmittance 0…1
@@ -207,18 +209,20 @@ class Lighting:
         texel_hit: TexelHit | None = None,
         extinction: Float = 0.0,
         seen: Float = 1.0,
+        box: UInt | None = None,
     ) -> tuple[list[Float], list[Float]]:
         """Weights of the radiance that matter at `point` sends to the eye, I_t of MODEL §3, of every lamp and colour of
         the palette (see `in_groups`); and the transmittance from every lamp, 1 where it lights nothing.
 
         coefficients: of every element, on the palette. texel_hit: place of the point in a texel; None without texels.
-        extinction: around the point [1/m]. seen: share of its light that reaches the eye, at most.
+        extinction: around the point [1/m]. seen: share of its light that reaches the eye, at most. box: number of that
+        which the point is matter of; None of a surface.
         """
         palette = self.materials.palette
         light: list[Any] = []
         passed: list[Any] = []
         arrived = [self._arrived(lamp, point, to_eye, elements, texel_hit) for lamp in range(len(self.lamps))]
-        ways = [WayToLamp(point, each.to_lamp, each.distance, extinction, seen, texel_hit) for each in arrived]
+        ways = [WayToLamp(point, each.to_lamp, each.distance, extinction, seen, texel_hit, box) for each in arrived]
         ahead: list[Float] = []
         if self.all_at_once and self.attenuation:
             ahead = self._transmittances(point, elements[0], arrived)

@@ -302,7 +302,9 @@ def radiance_from_sample(
         colour, first = medium.colour(coloured), len(coefficients) // places
         coefficients[::first] = [lighting.with_voxel_colour(c, step.ray.box, colour) for c in coefficients[::first]]
     extinction = step.depth / (step.end - step.begin)
-    light, lamps = lighting.reflected_radiance(point, -direction, elements, coefficients, texel_hit, extinction, seen)
+    light, lamps = lighting.reflected_radiance(
+        point, -direction, elements, coefficients, texel_hit, extinction, seen, step.ray.box
+    )
     smooth = lighting.field.scattered(point, -direction, elements, coefficients) if lighting.field else []
     return light, lamps, smooth
 

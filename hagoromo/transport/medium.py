@@ -96,12 +96,15 @@ class Medium:
         """Whether matter differs so much from voxel to voxel that a step is shaded at several places: axes do, or
         elements of several kinds lie side by side.
 
-        Axes of cylinders alone are not counted: their light differs less with the axis, and takes ten nodes a place.
+        Axes of cylinders are not counted, where there are any: their light differs less with the axis, and takes ten
+        nodes a place. Spheres have none.
         """
         if self.differentiable or self.textures or self.shadow_biases is not None:
             return False
-        axes = not self.kinds.tangents and max(box.bricks.character[1] for box in self.boxes) > ROUGH
-        return self.kinds.mixed or axes
+        if self.kinds.mixed or self.kinds.tangents:
+            return self.kinds.mixed
+        planes = [box for box in self.boxes if any(each.element == "plane" for each in box.materials)]
+        return any(box.bricks.character[1] > ROUGH for box in planes)
 
     def _is_patchy(self) -> bool:
         """Whether materials lie side by side, so that a step may have two of them."""

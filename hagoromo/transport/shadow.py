@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 import drjit as dr
 import numpy as np
 
-from hagoromo.backend import Float, arrays
+from hagoromo.backend import Float, arrays, lookup
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.lamp_light import LampInTurn
 from hagoromo.transport.frames import DEFAULT_TOLERANCE
@@ -65,6 +65,8 @@ def mapped_attenuation(
     length = coarseness(medium, maps.side, tolerance) * min(box.voxel_size for box in medium.boxes)
     near = dr.opaque(jit.Float, MARCHED_VOXELS / math.sqrt(finer) * length)
     dense = dr.opaque(jit.Float, DENSE * looser / length)
+    sizes = np.array([box.voxel_size for box in medium.boxes])
+    wider = lookup(jit.Float, (sizes / sizes.min()).astype(np.float32)) if np.ptp(sizes) > 0.0 else None
 
     def transmittance(lamp: int | LampInTurn, way: WayToLamp) -> Float:
         if way.texel_hit is None:  # no box has a texel, or the point is on a surface
@@ -86,7 +88,11 @@ def mapped_attenuation(
         return dr.exp(-depth) * maps.transmittance(lamp, outside)[0], jit.Float(0)
 
     def looked_up(lamp: int | LampInTurn, way: WayToLamp) -> tuple[Float, Float]:
-        reach = dr.fmin(dr.select(way.extinction > dense, near, 0.0), way.distance)
+        extinction, reach = way.extinction, near
+        if wider is not None and way.box is not None:  # a surface of matter is as soft as its voxels are large
+            own = dr.gather(jit.Float, wider, way.box)
+            extinction, reach = extinction * own, near * own
+        reach = dr.fmin(dr.select(extinction > dense, reach, 0.0), way.distance)
         behind, difference = maps.transmittance(lamp, dr.fma(way.to_lamp, reach, way.origin))
         uneven = difference > dr.fma(share, behind, least)
         return dr.select(uneven, 1.0, behind), dr.select(uneven, way.distance, reach)
