@@ -6,6 +6,7 @@ import pytest
 import hagoromo as hg
 from hagoromo.image import lamp_batches, preview
 from hagoromo.image.lamp_batches import LAMPS_AT_ONCE, WeightsOfLamps
+from hagoromo.transport import lighting
 from hagoromo.transport.frames import DEFAULT_TOLERANCE
 from hagoromo.transport.lighting import MOST_LAMPS
 from hagoromo.transport.palette import palette_of
@@ -76,6 +77,38 @@ def test_batches_of_all_kinds_of_lamps_give_the_picture_of_one(monkeypatch, sepa
     *coarse, last = hg.preview(scene, settings)
     assert [image.metadata["preview"]["stride"] for image in coarse] == [4, 2]
     assert last.weights.tobytes() == whole.weights.tobytes() and last.metadata["preview"]["share"] == 1.0
+
+
+def six_lamps_over_a_floor(near):
+    """A dense ball over a floor, under six near or far lamps."""
+    record = {"alpha": 0.2, "beta": 0.1, "gamma": 0.2, "n": 1.5, "body_colour": 0.8}
+    box = hg.build(
+        {"kind": "solid", "shape": {"form": "sphere", "radius_mm": 2.0}, "voxel_mm": 0.4, "material": record}
+    )
+    camera = hg.Camera(9, 7, (60, 60), (4.5, 3.5)).look_at(eye=(0, -0.05, 0.012), target=(0, 0, 0.002))
+    places = [np.array([np.cos(k), -1.0 - 0.2 * k, 0.3 + np.sin(k) ** 2]) for k in range(6)]
+    lamps = tuple(hg.Lamp(position=place) if near else hg.Lamp(to_lamp=place) for place in places)
+    return hg.Scene(camera, lamps, (box,), surfaces=(hg.Surface.floor(-0.001, 0.02, MATTE),))
+
+
+@pytest.mark.parametrize("near", [True, False])
+@pytest.mark.parametrize("shadows", ["map", "march"])
+def test_a_loop_through_lamps_gives_the_bits_of_one_after_the_other(monkeypatch, near, shadows):
+    scene, settings = six_lamps_over_a_floor(near), hg.Settings(shadows=shadows)
+    looped = hg.render(scene, settings)
+    monkeypatch.setattr(lighting, "MOST_UNROLLED", 6)
+    assert hg.render(scene, settings).weights.tobytes() == looped.weights.tobytes() and looped.weights.max() > 0.0
+
+
+def test_lamps_in_parts_give_the_picture_of_all_in_one_kernel(monkeypatch):
+    """Steps of the march follow the lamps of a part, so that the bound is that of the picture; coverage is the same."""
+    scene = six_lamps_over_a_floor(True)
+    whole = hg.render(scene)
+    monkeypatch.setattr(lighting, "LAMPS_OF_A_PART", 2)
+    parts = hg.render(scene)
+    error = np.sqrt(np.mean((parts.weights - whole.weights) ** 2, axis=(0, 1)))
+    assert (error < DEFAULT_TOLERANCE * whole.weights.mean(axis=(0, 1))).all()
+    assert parts.alpha.tobytes() == whole.alpha.tobytes()
 
 
 def test_weights_of_very_many_lamps_are_refused_before_they_take_memory():

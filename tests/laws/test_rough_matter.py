@@ -1,5 +1,6 @@
 """Matter that differs from voxel to voxel: a step is shaded at several places; shadows are marched or mapped."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -65,6 +66,18 @@ def test_several_places_of_a_step_halve_the_error_of_rough_matter(monkeypatch):
 def test_matter_is_rough_where_its_axes_differ(element, smooth, rough):
     """Of smooth matter nothing changes; cylinders take ten nodes a place; spheres have no axis that would be seen."""
     assert Medium([noisy_ball(element=element, smooth=smooth)]).rough == rough
+
+
+def test_shadows_of_a_coarse_box_do_not_follow_the_voxels_of_a_fine_one():
+    """A dense ball of coarse voxels, beside a speck of fine ones: maps show what marched shadows do, within 1 %."""
+    ball, speck, pose = noisy_ball(24, "sphere", smooth=True), np.ones((4, 4, 4)), np.eye(4)
+    pose[:3, 3] = 0.9, 0.9, 0.9
+    up = np.broadcast_to((0.0, 0.0, 1.0), (4, 4, 4, 3))
+    fine = hg.VolumeBox.from_arrays(speck, up, 2.0 / 24 / 40, 1.0, ball.materials, pose=pose)
+    scene = scene_of(replace(ball, tau=120.0 * 24 / 2.0))
+    scene = hg.Scene(scene.camera, scene.lamps[:1], (*scene.boxes, fine))
+    mapped, marched = (hg.render(scene, hg.Settings(4, shadows=s)).weights.sum(axis=-1) for s in ("map", "march"))
+    assert error(mapped, marched) < 0.01
 
 
 def test_shadows_of_few_rays_are_marched_in_dense_matter_alone(monkeypatch):
