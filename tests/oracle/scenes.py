@@ -210,7 +210,8 @@ def patches() -> OracleVoxels:
     """A Gaussian ball of grains, bright ones and dark ones in patches of a few voxels."""
     count = 29
     radius, normal = outwards(*centres((count, count, count)))
-    number = sum(np.sin(1.3 * np.arange(count) + k).reshape([-1 if k == j else 1 for j in range(3)]) for k in range(3))
+    waves = np.meshgrid(*(np.sin(1.3 * np.arange(count) + k) for k in range(3)), indexing="ij")
+    number = np.sum(waves, axis=0)
     density = np.exp(-0.5 * (radius / 0.05) ** 2)
     return box_of(density, normal, 1.2, [MATTE_GRAINS, DARK_GRAINS], material=(number > 0.0).astype(np.uint8))
 
