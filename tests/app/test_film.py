@@ -390,7 +390,7 @@ def test_motion_that_is_wrong_is_refused(box, tmp_path, refused, more, said):
         (["--turntable", "0"], "0 frames"),
         (["--turntable", "3", "--lamp-orbit", "3"], "two films"),
         (["--turntable", "3", "--mode", "path", "--time", "5"], "give samples, or an error"),
-        (["--turntable", "3", "--mode", "full", "--time", "5"], "is for mode path"),
+        (["--turntable", "3", "--mode", "full", "--time", "5"], "give samples, or an error"),
         (["--turntable", "3", "--layers"], "has no layers"),
         (["--turntable", "3", "--fps", "0"], "0 frames a second"),
     ],
