@@ -124,6 +124,11 @@ def _check_begun(checkpoint: Path, resume: bool, force: bool) -> None:
         raise InputError(f"{checkpoint} holds unfinished work: give --resume to go on, or --force to start anew")
 
 
+def _of_hollow(hollow: dict[str, float]) -> str:
+    less = 100.0 * (1.0 - hollow["left_over"])
+    return f"hollow: one with a wall of {1e3 * hollow['wall_m']:.2g} mm left {less:.0f} % less unexplained than a dent"
+
+
 def summary(record: dict[str, Any]) -> list[str]:
     """What is said of a recovery."""
     lines = [f"{record['photographs']} photographs, nodes of {1e3 * record['voxel_m']:.3g} mm"]
@@ -140,6 +145,8 @@ def summary(record: dict[str, Any]) -> list[str]:
         lines.append("gloss tried: " + ", ".join(f"{k} {db:.2f} dB" for k, db in tried.items()))
     if tried := record["orders_tried_db"]:
         lines.append(f"orders {record['orders']}; tried: " + ", ".join(f"{k} {db:.2f} dB" for k, db in tried.items()))
+    if hollow := record["hollow"]:
+        lines.append(_of_hollow(hollow))
     if places := record["gloss"]:
         low, high = ([places[key][k] for key in ("beta", "gamma")] for k in (0, -1))
         lines.append(

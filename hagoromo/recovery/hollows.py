@@ -9,7 +9,7 @@ photographs best after some steps is taken.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import drjit as dr
@@ -34,6 +34,16 @@ AROUND = 2.0  # voxels, standard deviation of the means over places
 LEAST_OPENING = 30  # badly explained places
 REACH = 3  # voxels beside what is taken away in which the distance is that to the new wall
 AT_ONCE = 1 << 12  # chunks of pixels
+
+
+@dataclass(frozen=True)
+class FoundHollow:
+    """A hollow that photographs asked for. wall_m: thickness of the wall that it began with [m]. left_over: what it
+    left unexplained after the steps of its trial, over what the dent of the hull left.
+    """
+
+    wall_m: float
+    left_over: float
 
 
 def explained_badly(descent: Descent) -> NDArray[np.bool_]:

@@ -12,7 +12,7 @@ from hagoromo.cluster.cluster import Workers
 from hagoromo.files.memory import require
 from hagoromo.progress import Progress, part_of
 from hagoromo.recovery.descent import Descent
-from hagoromo.recovery.hollows import WALLS, explained_badly, hollowed, left_over
+from hagoromo.recovery.hollows import WALLS, FoundHollow, explained_badly, hollowed, left_over
 from hagoromo.recovery.lamp_table import LampTable
 from hagoromo.recovery.look import FoundLook, Look
 from hagoromo.recovery.matter_shape import MatterShape
@@ -46,7 +46,7 @@ class Levels:
     views: what it is recovered from. start: on the lattice of the first level. sides: nodes along the longest edge of
     all levels. rays: of each step up to RAYS_SIDE nodes; beyond, they grow with the square of the nodes, as a surface
     does. seed: of the pixels that are drawn. look: what is estimated beside the object; it is fitted, too. `before`:
-    the result of the level before. workers: whose work the pixels of a step are. albedo: see `Rendering`.
+    the result of the level before; `hollow`: the one that was found. workers: whose work the pixels of a step are. albedo: see `Rendering`.
     """
 
     def __init__(
@@ -65,6 +65,7 @@ class Levels:
         self.workers, self.albedo = workers, albedo
         self.start, self.before, self.begin, self.look = start, start, start, look
         self.descent: Descent | None = None
+        self.hollow: FoundHollow | None = None
 
     @property
     def shape(self) -> MatterShape:
@@ -81,7 +82,7 @@ class Levels:
     def checkpoint(self, level: int, step: int = 0) -> Checkpoint:
         """Where the work stands, before a step of a level."""
         random = "" if self.descent is None else json.dumps(self.descent.random.bit_generator.state)
-        return Checkpoint(level, step, self.shape, self.before, FoundLook.of(self.look), random)
+        return Checkpoint(level, step, self.shape, self.before, FoundLook.of(self.look), random, self.hollow)
 
     @property
     def end(self) -> Checkpoint:
@@ -91,7 +92,7 @@ class Levels:
     def go_back_to(self, checkpoint: Checkpoint) -> None:
         """Take what was found by then."""
         self.start, self.before, self.begin = checkpoint.shape, checkpoint.before, checkpoint.shape
-        self.look = checkpoint.look.of_views(self.views)
+        self.look, self.hollow = checkpoint.look.of_views(self.views), checkpoint.hollow
 
     def run(
         self, steps: int, progress: Progress, keep: Keep = nothing_kept, since: Checkpoint | None = None
@@ -145,7 +146,7 @@ class Levels:
             return begin, progress
         look, tried = FoundLook.of(self.look), []
         share = TRIAL / (1.0 + TRIAL * (1 + len(hollows)))  # of the work of the level, that a trial takes
-        for number, shape in enumerate((begin, *hollows)):
+        for number, shape in enumerate((begin, *hollows.values())):
             self.look = look.of_views(self.views)
             descent, chunks = self._descent(shape, True), self.chunks_of(self.sides[-1])
             own = part_of(progress, number * share, share)
@@ -153,19 +154,22 @@ class Levels:
             tried.append((left_over(descent), shape.after(descent.field, descent.gloss), FoundLook.of(self.look)))
         best = min(range(len(tried)), key=lambda k: tried[k][0])
         if best and tried[best][0] <= LESS * tried[0][0]:
-            _, begin, look = tried[best]
+            left, begin, look = tried[best]
+            wall = list(hollows)[best - 1] * begin.lattice.voxel
+            self.hollow = FoundHollow(wall, left / tried[0][0])
         self.look = look.of_views(self.views)
         return begin, part_of(progress, len(tried) * share, 1.0 - len(tried) * share)
 
-    def _hollows(self, begin: SurfaceShape) -> list[SurfaceShape]:
-        """The begin of the last level with walls of each thickness where it is badly explained."""
+    def _hollows(self, begin: SurfaceShape) -> dict[float, SurfaceShape]:
+        """The begin of the last level where it is badly explained, by thickness of the walls that stay [voxel]."""
         if not any(view.photograph.lamps for view in self.views):
-            return []
+            return {}
         seen = self._descent(begin, True)
         seen.rendering.softness = SOFTNESS[1]
         seen.find_between()
         bad = explained_badly(seen)
-        return [each for each in (hollowed(begin, bad, wall) for wall in WALLS) if each is not None]
+        made = {wall: hollowed(begin, bad, wall) for wall in WALLS}
+        return {wall: shape for wall, shape in made.items() if shape is not None}
 
     def _descent(self, begin: MatterShape, last: bool) -> Descent:
         """The descent of a level."""

@@ -291,6 +291,7 @@ def _recovered(
         complete=known is not None and (errors is not None or not both),
         look=look, fuzzy=shape if isinstance(shape, FuzzyShape) else None, matter_tried=matter.tried,
         shares=found.shares, gloss_tried=matter.gloss_tried, orders=matter.orders, orders_tried=matter.orders_tried,
+        hollow=levels.hollow,
     )  # fmt: skip
 
 

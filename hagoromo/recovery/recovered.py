@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -23,6 +23,7 @@ from hagoromo.recovery.errors import Errors
 from hagoromo.recovery.evidence import Evidence
 from hagoromo.recovery.explained import Explained, explained
 from hagoromo.recovery.fuzzy_shape import FuzzyShape
+from hagoromo.recovery.hollows import FoundHollow
 from hagoromo.recovery.lamp_table import LampTable
 from hagoromo.recovery.lattice import Lattice
 from hagoromo.recovery.look import Look
@@ -120,7 +121,7 @@ class Recovered:
     gloss_tried: PSNR [dB] of one gloss and of one of each place, where both were tried. orders: of light that it was
     recovered by, and that `picture` shows; orders_tried: PSNR [dB] of both, where they were tried. masks: how far they
     are off; None: they are not, or photographs do not show it. dark: names of photographs without light, which took no
-    part.
+    part. hollow: the one that photographs asked for; None: none.
     """
 
     lattice: Lattice
@@ -147,6 +148,7 @@ class Recovered:
     orders_tried: Mapping[str, float] = field(default_factory=dict)
     masks: MaskOffset | None = None
     dark: tuple[str, ...] = ()
+    hollow: FoundHollow | None = None
 
     def __repr__(self) -> str:
         nodes = " × ".join(str(n) for n in self.lattice.shape[::-1])
@@ -271,6 +273,7 @@ class Recovered:
             "gloss_tried_db": dict(self.gloss_tried),
             "orders": self.orders,
             "orders_tried_db": dict(self.orders_tried),
+            "hollow": None if self.hollow is None else asdict(self.hollow),
             "errors": self._errors(),
             "remarks": remarks_on(self),
             "kept_aside": [score._asdict() for score in scores],

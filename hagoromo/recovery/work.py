@@ -23,6 +23,7 @@ from hagoromo.photograph.photograph import Photograph
 from hagoromo.photograph.transforms import record_from_lamp
 from hagoromo.recovery.choices import FoundMatter
 from hagoromo.recovery.evidence import Evidence
+from hagoromo.recovery.hollows import FoundHollow
 from hagoromo.recovery.look import FoundLook
 from hagoromo.recovery.matter_shape import MatterShape
 
@@ -31,7 +32,7 @@ from hagoromo.recovery.matter_shape import MatterShape
 class Checkpoint:
     """Where levels can go on. level: its number, that after the last where all are done; step: of it. shape: what there
     is. before: the result of the level before. look: what was estimated beside it by then. random: state, as JSON, of
-    the numbers that draw pixels.
+    the numbers that draw pixels. hollow: the one that was found by then.
     """
 
     level: int
@@ -40,6 +41,7 @@ class Checkpoint:
     before: MatterShape
     look: FoundLook
     random: str
+    hollow: FoundHollow | None = None
 
 
 @dataclass(frozen=True, eq=False)

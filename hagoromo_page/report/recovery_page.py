@@ -96,6 +96,11 @@ def _found(recovered: Recovered, record: dict[str, Any]) -> list[str]:
     if tried := record["orders_tried_db"]:
         words = ", ".join(f"{kind} {db:.2f} dB" for kind, db in tried.items())
         said.append(f"A first look tried light of the first order and of all orders: {words}.")
+    if hollow := record["hollow"]:
+        said.append(
+            f"A hollow was found that no silhouette shows: with a wall of {1e3 * hollow['wall_m']:.2g} mm to begin with "
+            f"it left {100.0 * (1.0 - hollow['left_over']):.0f} % less unexplained than a dent."
+        )
     if not recovered.lit:
         tried = ", ".join(f"{kind} {db:.2f} dB" for kind, db in record["lights_tried_db"].items())
         said.append(f"The light is {record['lamps']}." + (f" A first look tried: {tried}." if tried else ""))

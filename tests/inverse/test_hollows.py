@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 import hagoromo as hg
-from hagoromo.recovery.hollows import hollowed
+from hagoromo.recovery.hollows import FoundHollow, hollowed
 from hagoromo.recovery.lattice import Lattice
+from hagoromo.recovery.levels import Levels
 from hagoromo.recovery.shading import START, coordinates
 from hagoromo.recovery.surface_shape import SurfaceShape
 from studies.recover_scenes import shots, simulated
@@ -63,3 +64,22 @@ def test_a_bowl_is_found_where_steps_from_the_hull_make_a_dent():
     aside = simulated(ThickBowl(), shots(4, 5, 60, 2, pixels=72), noise=False)
     found = hg.recover(taken.capture, hg.RecoverySettings(side=34, steps=50, keep=0, errors=False))
     assert shape_errors(found, aside).angles.mean() < 15.0  # a dent has 30 degrees
+
+
+def test_the_hollow_that_was_found_is_in_the_record_also_after_an_interrupt(monkeypatch, tmp_path):
+    """A trial that leaves half of what the dent leaves."""
+    monkeypatch.setattr(Levels, "_hollows", lambda levels, begin: {WALL: begin})
+    left = iter([1.0, 0.5])
+    monkeypatch.setattr("hagoromo.recovery.levels.left_over", lambda descent: next(left))
+
+    def stop(share, step=""):
+        if share > 0.95:
+            raise KeyboardInterrupt
+
+    capture, work = simulated(Bowl(), shots(6, 5, 60, 1, pixels=32), 1).capture, tmp_path / "work.npz"
+    settings = hg.RecoverySettings(side=31, steps=42, rays=1 << 10, keep=0, errors=False)
+    part = hg.recover(capture, settings, stop, work)
+    found = hg.recover(capture, settings, work=work)  # the trial is not done again
+    voxel = found.lattice.voxel
+    assert not part.complete and part.hollow == found.hollow == FoundHollow(WALL * voxel, 0.5)
+    assert found.record()["hollow"] == {"wall_m": pytest.approx(WALL * voxel), "left_over": 0.5}
