@@ -25,7 +25,7 @@ from hagoromo.recovery.work import Checkpoint
 COARSEST, LEAST = 32, 16  # nodes along the longest edge of the first level; and where it is the first of two
 FOOTPRINT = 2.5  # pixels of a voxel's edge, at least, that pixels are not joined for
 MODEL_ERROR, LAST_MODEL_ERROR = 0.02, 0.01  # relative error of the model, of coarse levels and of the last one
-SOFTNESS, LAST_SOFTNESS = (1.0, 0.33), (0.6, 0.2)  # s at begin and end of a level, and of the last one [voxel]
+SOFTNESS, LAST_SOFTNESS = (1.0, 0.33), (0.6, 0.1)  # s at begin and end of a level, and of the last one [voxel]
 BYTES_PER_PIXEL = 120.0  # of all arrays together
 RAYS_SIDE = 64  # nodes along the longest edge of the lattice up to which the rays of a step are as stated
 TRIAL, LESS = 0.3, 0.95  # of the steps, in which a hollow is tried; of what is left over, that it must be below
@@ -181,7 +181,9 @@ class Levels:
         bright = [
             np.percentile(v.photograph.values[v.photograph.mask], 99.0) for v in reduced if v.photograph.mask.any()
         ]
-        pixels = PixelTable(reduced, lattice, LAST_MODEL_ERROR if last else MODEL_ERROR, float(np.median(bright)))
+        error, (_, s) = (LAST_MODEL_ERROR, LAST_SOFTNESS) if last else (MODEL_ERROR, SOFTNESS)
+        soft = s if isinstance(begin, SurfaceShape) else None
+        pixels = PixelTable(reduced, lattice, error, float(np.median(bright)), soft)
         field, seed = begin.field(), self.seed + max(lattice.shape)
         lamps = LampTable(photographs, lattice)
         return Descent(field, pixels, lamps, begin.gloss, seed, self.shadows, self.look, self.workers, self.albedo)

@@ -8,9 +8,11 @@ from typing import NamedTuple
 import drjit as dr
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
+from scipy.special import expit
 
 from hagoromo.backend import Array3f, Float, UInt, arrays, evaluate, lookup
-from hagoromo.recovery.hull import way_to
+from hagoromo.recovery.hull import signed_distance, way_to
 from hagoromo.recovery.lattice import Lattice
 from hagoromo.recovery.matter_march import LatticeRays
 from hagoromo.recovery.object_view import ObjectView
@@ -42,11 +44,20 @@ class PixelTable:
     view shows and another does not, is of the size of the light.
     """
 
-    def __init__(self, views: Sequence[ObjectView], lattice: Lattice, model_error: float, scale: float) -> None:
-        """scale: value of a bright pixel; model_error is of it, too."""
+    def __init__(
+        self,
+        views: Sequence[ObjectView],
+        lattice: Lattice,
+        model_error: float,
+        scale: float,
+        softness: float | None = None,
+    ) -> None:
+        """scale: value of a bright pixel; model_error is of it, too. softness: s of a surface in the end [voxel], which
+        blurs its outline; None: matter without an outline.
+        """
         columns: list[list[NDArray]] = []
         for number, view in enumerate(views):
-            columns.append(_pixels_of(view, number, lattice, model_error, scale))
+            columns.append(_pixels_of(view, number, lattice, model_error, scale, softness))
         joined = [np.concatenate(each) for each in zip(*columns, strict=True)]
         self.scale = scale
         self.limit = ROBUST if any(view.photograph.lamps for view in views) else UNLIT_ROBUST
@@ -101,7 +112,9 @@ class PixelTable:
         return moved
 
 
-def _pixels_of(view: ObjectView, number: int, lattice: Lattice, model_error: float, scale: float) -> list[NDArray]:
+def _pixels_of(
+    view: ObjectView, number: int, lattice: Lattice, model_error: float, scale: float, softness: float | None
+) -> list[NDArray]:
     """Number of the photograph, then columns of the table, of the pixels of a view near the object."""
     p = view.photograph
     camera, w = p.camera, p.values.shape[1]
@@ -109,7 +122,8 @@ def _pixels_of(view: ObjectView, number: int, lattice: Lattice, model_error: flo
     origin = lattice.from_world(camera.position)
     near, far = span(origin, directions, lattice)
     distance = np.linalg.norm(lattice.middle - camera.position)
-    beside = int(np.ceil(BESIDE * lattice.voxel * min(camera.focal) / distance)) + 1
+    voxel = lattice.voxel * min(camera.focal) / float(distance)  # px
+    beside = int(np.ceil(BESIDE * voxel)) + 1
     outside = ~view.silhouette
     used = (far > near) & ~outside.all()
     if view.stated:
@@ -126,12 +140,28 @@ def _pixels_of(view: ObjectView, number: int, lattice: Lattice, model_error: flo
     error = (model_error * np.maximum(values, 0.0)) ** 2 + (0.25 * model_error * scale) ** 2
     if not p.lamps:
         error = np.full_like(error, (UNLIT_ERROR * scale) ** 2)
+    if softness is not None:
+        error = error + blurred(view, softness * voxel)[at] ** 2
     weights = np.where(lit[:, None], 1.0 / (np.where(lit[:, None], variance, 1.0) + error), 0.0)
     edge = (view.share > 0.0) & (view.share < 1.0)
     edge |= (way_to(~outside) <= 1.0) & (way_to(outside) <= 1.0)
     share_weight = np.where(edge[at], AT_EDGE, 1.0) * float(view.stated)
     columns = [np.full(len(rows), number), *directions[at].T, near[at], far[at]]
     return [*columns, *np.where(lit[:, None], values, 0.0).T, *weights.T, view.share[at], share_weight]
+
+
+def blurred(view: ObjectView, softness: float) -> NDArray:
+    """(h, w, channels) error of light beside the outline of a surface whose edge is soft by s [px], as it is in no
+    photograph.
+
+    A ray that passes the outline at a distance d is opaque by Φ(d/s), in a photograph wholly or not at all: the
+    difference is a share of the light that the surface has there. Were it not known as an error, the surface would grow
+    until its edge is as bright as in photographs.
+    """
+    values = np.nan_to_num(np.maximum(view.photograph.values, 0.0))
+    row, column = ndimage.distance_transform_edt(~view.silhouette, return_distances=False, return_indices=True)
+    off = expit(-np.abs(signed_distance(view.silhouette)) / softness)
+    return np.asarray(off[..., None] * values[row, column])
 
 
 def span(origin: NDArray, directions: NDArray, lattice: Lattice) -> tuple[NDArray, NDArray]:
