@@ -25,7 +25,7 @@ from hagoromo.recovery.work import Checkpoint
 COARSEST, LEAST = 32, 16  # nodes along the longest edge of the first level; and where it is the first of two
 FOOTPRINT = 2.5  # pixels of a voxel's edge, at least, that pixels are not joined for
 MODEL_ERROR, LAST_MODEL_ERROR = 0.02, 0.01  # relative error of the model, of coarse levels and of the last one
-SOFTNESS, LAST_SOFTNESS = (1.0, 0.33), (0.6, 0.1)  # s at begin and end of a level, and of the last one [voxel]
+SOFTNESS, LAST_SOFTNESS = (1.0, 0.15), (0.6, 0.1)  # s at begin and end of a level, and of the last one [voxel]
 BYTES_PER_PIXEL = 120.0  # of all arrays together
 RAYS_SIDE = 64  # nodes along the longest edge of the lattice up to which the rays of a step are as stated
 TRIAL, LESS = 0.3, 0.95  # of the steps, in which a hollow is tried; of what is left over, that it must be below
@@ -46,7 +46,8 @@ class Levels:
     views: what it is recovered from. start: on the lattice of the first level. sides: nodes along the longest edge of
     all levels. rays: of each step up to RAYS_SIDE nodes; beyond, they grow with the square of the nodes, as a surface
     does. seed: of the pixels that are drawn. look: what is estimated beside the object; it is fitted, too. `before`:
-    the result of the level before; `hollow`: the one that was found. workers: whose work the pixels of a step are. albedo: see `Rendering`.
+    the result of the level before; `hollow`: the one that was found. workers: whose work the pixels of a step are.
+    albedo: see `Rendering`.
     """
 
     def __init__(
@@ -181,8 +182,8 @@ class Levels:
         bright = [
             np.percentile(v.photograph.values[v.photograph.mask], 99.0) for v in reduced if v.photograph.mask.any()
         ]
-        error, (_, s) = (LAST_MODEL_ERROR, LAST_SOFTNESS) if last else (MODEL_ERROR, SOFTNESS)
-        soft = s if isinstance(begin, SurfaceShape) else None
+        error = LAST_MODEL_ERROR if last else MODEL_ERROR
+        soft = SOFTNESS[1] if isinstance(begin, SurfaceShape) and not last else None  # of the last, less than a pixel
         pixels = PixelTable(reduced, lattice, error, float(np.median(bright)), soft)
         field, seed = begin.field(), self.seed + max(lattice.shape)
         lamps = LampTable(photographs, lattice)

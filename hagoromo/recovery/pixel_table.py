@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import drjit as dr
 import numpy as np
@@ -159,9 +159,9 @@ def blurred(view: ObjectView, softness: float) -> NDArray:
     until its edge is as bright as in photographs.
     """
     values = np.nan_to_num(np.maximum(view.photograph.values, 0.0))
-    row, column = ndimage.distance_transform_edt(~view.silhouette, return_distances=False, return_indices=True)
+    ways: Any = ndimage.distance_transform_edt(~view.silhouette, return_distances=False, return_indices=True)
     off = expit(-np.abs(signed_distance(view.silhouette)) / softness)
-    return np.asarray(off[..., None] * values[row, column])
+    return np.asarray(off[..., None] * values[ways[0], ways[1]])
 
 
 def span(origin: NDArray, directions: NDArray, lattice: Lattice) -> tuple[NDArray, NDArray]:
