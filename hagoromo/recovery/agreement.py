@@ -14,11 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError, listed
-from hagoromo.recovery.hull import ALLOWED, COARSE, LEAST_SHOWN, Outline, box_of, way_to
+from hagoromo.recovery.hull import ALLOWED, COARSE, LEAST_SHOWN, Outline, box_of, first_cube, way_to
 from hagoromo.recovery.lattice import Lattice
 
 FREE = 2.0  # px that outlines may be wrong by
 UNCOVERED = 0.05  # share of a silhouette up to which the hull may leave it uncovered
+SHADED = 0.5  # share of the photographs at most whose silhouettes miss a place in its shadow
 HELD = 1.0  # [voxel] outside the hull that count as in it: thin parts between nodes
 
 
@@ -50,6 +51,27 @@ class Shadow:
         if not there.any():
             return 1.0
         return float((way_to(there.reshape(self.inner.shape))[self.inner] > self.reach).mean())
+
+
+def misses_of(outlines: Sequence[Outline]) -> int:
+    """How many photographs may miss a place of the object, where silhouettes are what is bright in them.
+
+    What lies in shadow is missing from a silhouette. The hull covers all that photographs show: it is the smallest that
+    does, but for a share of ALLOWED of them, which some background may spoil; where none does, the one that leaves
+    least.
+    """
+    count, (centre, size) = len(outlines), first_cube(outlines)
+    lattice = Lattice.around(centre - size, centre + size, COARSE)
+    shadows = [Shadow(outline, lattice) for outline in outlines]
+    distance = np.sort(np.stack([shadow.distance for shadow in shadows]), axis=0)[::-1]
+    shown = np.isfinite(distance).sum(axis=0) >= LEAST_SHOWN * count
+    left: dict[int, float] = {}
+    for misses in range(int(ALLOWED * count), max(int(SHADED * count), 1) + 1):
+        each = [shadow.uncovered((distance[misses] < HELD) & shown) for shadow in shadows]
+        left[misses] = float(np.quantile(each, 1.0 - ALLOWED))
+        if left[misses] <= UNCOVERED:
+            return misses
+    return min(left, key=lambda misses: left[misses])
 
 
 def check_agree(outlines: Sequence[Outline]) -> None:

@@ -16,6 +16,7 @@ from hagoromo.errors import listed
 from hagoromo.least_squares.loss import ROBUST_SCALE
 from hagoromo.measurement.surface.tile_store import binned, means
 from hagoromo.recovery.object_view import LEAST_VALID
+from hagoromo.recovery.silhouettes import bright_of
 
 if TYPE_CHECKING:
     from hagoromo.camera.camera import Camera
@@ -37,7 +38,8 @@ MISSING = 0.1  # share of a mask that is not covered, from which that is said
 class Explained(NamedTuple):
     """How well a photograph is explained. light: root of the mean squared light in the silhouette. rest: that of its
     difference from the prediction; scaled: after the best factor on it. factor: light over prediction, the median of
-    bright pixels. missing: share of the stated mask that the object does not cover. beyond: how far the outline of the
+    bright pixels. missing: share of the stated mask that the object does not cover; without a mask, of what is bright
+    before the dark background. beyond: how far the outline of the
     object stands outside that of the stated mask, on the mean [m]; negative: inside. NaN where there are too few
     pixels, or no mask.
     """
@@ -58,10 +60,11 @@ def explained(recovered: Recovered, photograph: Photograph) -> Explained:
     light, opacity = recovered.picture(small)
     values, predicted = small.values.mean(axis=2), light[..., : small.values.shape[2]].mean(axis=2)
     there, missing, beyond = small.mask & (opacity > OPAQUE) & np.isfinite(values), np.nan, np.nan
-    if photograph.silhouette is not None:
-        share = means(photograph.silhouette, step)[..., 0]
-        inner = ndimage.binary_erosion(share > OPAQUE)
-        missing = float((opacity[inner] < OPAQUE).mean()) if inner.any() else np.nan
+    stated = photograph.silhouette
+    share = means(bright_of(photograph) if stated is None else stated, step)[..., 0]
+    inner = ndimage.binary_erosion(share > OPAQUE)
+    missing = float((opacity[inner] < OPAQUE).mean()) if inner.any() else np.nan
+    if stated is not None:
         beyond = _beyond(recovered, small.camera, opacity, share)
     if there.sum() < LEAST_PIXELS:
         return Explained(photograph.name, missing=missing, beyond=beyond)
@@ -78,8 +81,8 @@ def _beyond(recovered: Recovered, camera: Camera, opacity: np.ndarray, share: np
     return pixel * float((opacity - share).sum()) / outline if outline else np.nan
 
 
-def said_of(all_of: Sequence[Explained]) -> list[str]:
-    """What is said of photographs that are odd among all that an object was recovered from."""
+def said_of(all_of: Sequence[Explained], stated: bool = True) -> list[str]:
+    """What is said of photographs that are odd among all that an object was recovered from. stated: by masks."""
     names, count = np.array([each.name for each in all_of]), len(all_of)
     light, rest, scaled, factor, missing, _ = np.array([each[1:] for each in all_of], float).reshape(-1, 6).T
     if not np.isfinite(light).any():
@@ -103,9 +106,13 @@ def said_of(all_of: Sequence[Explained]) -> list[str]:
     lacking = missing > MISSING
     if lacking.any():
         worst = int(np.nanargmax(missing))
+        many, worse = f"{lacking.sum()} of {count}", f"{names[worst]} by {100.0 * missing[worst]:.0f} %"
         said.append(
-            f"{lacking.sum()} of {count} masks are not covered by the object, that of {names[worst]} by "
-            f"{100.0 * missing[worst]:.0f} %: parts about as thin as a voxel are lost; give more nodes (--side)"
+            f"{many} masks are not covered by the object, that of {worse}: parts about as thin as a voxel are lost; "
+            "give more nodes (--side)"
+            if stated
+            else f"what is bright in {many} photographs is not covered by the object, in {worse}: parts that lie in "
+            "shadow in other photographs, or about as thin as a voxel, are lost; give masks, or more nodes (--side)"
         )
     return said
 

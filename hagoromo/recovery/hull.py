@@ -56,16 +56,16 @@ def outlines_of(views: Sequence[ObjectView]) -> list[Outline]:
     ]
 
 
-def box_of(outlines: Sequence[Outline], stated: bool = True) -> tuple[Array, Array]:
+def box_of(outlines: Sequence[Outline], misses: int = 0) -> tuple[Array, Array]:
     """Low and high corner (3,) [m] of the object, with a margin. `InputError` where the silhouettes meet nowhere.
 
-    stated: see `hull_distance`.
+    misses: see `hull_distance`.
     """
-    centre, size = _first_cube(outlines)
+    centre, size = first_cube(outlines)
     low, high = centre - size, centre + size
     for _ in range(ROUNDS):
         lattice = Lattice.around(low, high, COARSE)
-        inside = hull_distance(outlines, lattice, stated) < 1.0  # voxel: thin parts between nodes count
+        inside = hull_distance(outlines, lattice, misses) < 1.0  # voxel: thin parts between nodes count
         if not inside.any():
             raise InputError(_no_hull(outlines, lattice))
         held = [np.flatnonzero(inside.any(axis=tuple(k for k in range(3) if k != axis))) for axis in (2, 1, 0)]
@@ -75,15 +75,15 @@ def box_of(outlines: Sequence[Outline], stated: bool = True) -> tuple[Array, Arr
     return low - edge, high + edge
 
 
-def hull_distance(outlines: Sequence[Outline], lattice: Lattice, stated: bool = True) -> Array:
+def hull_distance(outlines: Sequence[Outline], lattice: Lattice, misses: int = 0) -> Array:
     """Signed distance (nz, ny, nx) [voxel] to the hull, about right near its surface: negative inside.
 
     A place that a photograph does not show is not carved by it; one that fewer than a share of LEAST_SHOWN of the
-    photographs show is outside. stated: whether silhouettes are exact; if not, a share of ALLOWED of the photographs
-    that show a place may miss it, as where it is in shadow.
+    photographs show is outside. misses: photographs whose silhouettes may miss a place, as where it is in shadow; 0
+    where silhouettes are exact.
     """
     nodes = lattice.nodes().reshape(-1, 3)
-    largest = [np.full(len(nodes), -np.inf)] * (1 if stated else 1 + int(ALLOWED * len(outlines)))
+    largest = [np.full(len(nodes), -np.inf)] * (1 + misses)
     views = np.zeros(len(nodes), np.int32)
     for outline in outlines:
         own, shown = outline.seen_at(nodes)
@@ -138,7 +138,7 @@ def way_to(there: NDArray[np.bool_]) -> NDArray[np.float64]:
     return np.asarray(ndimage.distance_transform_edt(~there), np.float64)
 
 
-def _first_cube(outlines: Sequence[Outline]) -> tuple[Array, float]:
+def first_cube(outlines: Sequence[Outline]) -> tuple[Array, float]:
     """The place that is nearest to the rays through the middles of all silhouettes, and half an edge that holds all."""
     places, ways, sizes = [], [], []
     for outline in outlines:

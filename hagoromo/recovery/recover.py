@@ -14,7 +14,7 @@ from hagoromo.errors import InputError
 from hagoromo.files.memory import SHARE_OF_MEMORY, free_memory
 from hagoromo.photograph.capture import Capture, load_capture
 from hagoromo.progress import Progress, part_of, silent
-from hagoromo.recovery.agreement import check_agree
+from hagoromo.recovery.agreement import check_agree, misses_of
 from hagoromo.recovery.choices import (
     AUTO,
     NONE,
@@ -288,10 +288,9 @@ def _recovered(
         found.lattice, np.asarray(without_crumbs(found.distance), np.float32), found.colours, found.gloss,
         levels.softness, tuple(v.photograph for v in used), kept, any(v.photograph.lamps for v in used),
         asdict(settings), stated=used[0].stated, evidence=known, errors=errors,
-        complete=known is not None and (errors is not None or not both),
-        look=look, fuzzy=shape if isinstance(shape, FuzzyShape) else None, matter_tried=matter.tried,
-        shares=found.shares, gloss_tried=matter.gloss_tried, orders=matter.orders, orders_tried=matter.orders_tried,
-        hollow=levels.hollow,
+        complete=known is not None and (errors is not None or not both), look=look,
+        fuzzy=shape if isinstance(shape, FuzzyShape) else None, matter_tried=matter.tried, shares=found.shares,
+        gloss_tried=matter.gloss_tried, orders=matter.orders, orders_tried=matter.orders_tried, hollow=levels.hollow,
     )  # fmt: skip
 
 
@@ -319,12 +318,13 @@ def _levels(
     """
     seen = _changed(views, look)
     outlines, stated = outlines_of(seen), views[0].stated
-    low, high = box_of(outlines, stated)
+    misses = 0 if stated else misses_of(outlines)
+    low, high = box_of(outlines, misses)
     finest = Lattice.around(low, high, settings.side)
     _check_room(matter, settings.side, finest)
     sides = sides_of(settings.side)
     lattice = Lattice.around(low, high, sides[0])
-    hull = hull_distance(outlines, lattice, stated)
+    hull = hull_distance(outlines, lattice, misses)
     if stated:
         check_all_show_it(outlines, lattice, hull)
     check_lamps([view.photograph for view in seen], lattice, hull)

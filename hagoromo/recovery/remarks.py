@@ -39,7 +39,7 @@ def remarks_on(recovered: Recovered) -> list[str]:
             f"left out: {listed(list(recovered.dark))}; did their lamps flash?"
         )
     said += [] if recovered.masks is None else [recovered.masks.said]
-    return said + said_of(recovered.explained)
+    return said + said_of(recovered.explained, recovered.stated)
 
 
 def _of_brightness(recovered: Recovered) -> str:

@@ -18,20 +18,25 @@ DARK_EDGE = 0.25  # share of bright pixels at the edge of a picture up to which 
 def views_of(photographs: Sequence[Photograph]) -> list[ObjectView]:
     """The photographs with the silhouettes that masks or transparency state.
 
-    Without masks in all photographs it is what is brighter than the dark background; shadows of the object on itself
-    may then be missing from it. `InputError` where a background is not dark, or a silhouette is empty.
+    Without masks in all photographs it is what is brighter than the dark background in one of those from a pose;
+    shadows of the object on itself may be missing from it. `InputError` where a background is not dark, or a silhouette
+    is empty.
     """
     stated = [p.silhouette for p in photographs if p.silhouette is not None]
     if len(stated) < len(photographs):
-        return [ObjectView(photograph, _bright(photograph), False) for photograph in photographs]
+        lit: dict[bytes, NDArray[np.bool_]] = {}
+        for p in photographs:
+            pose, bright = p.camera.world_to_camera.tobytes(), bright_of(p)
+            lit[pose] = bright if pose not in lit or lit[pose].shape != bright.shape else lit[pose] | bright
+        return [ObjectView(p, lit[p.camera.world_to_camera.tobytes()], False) for p in photographs]
     for photograph, silhouette in zip(photographs, stated, strict=True):
         if not silhouette.any():
             raise InputError(f"the mask of photograph {photograph.name!r} is empty: it must be white on the object")
     return [ObjectView(*each) for each in zip(photographs, stated, strict=True)]
 
 
-def _bright(photograph: Photograph) -> NDArray[np.bool_]:
-    """PixelTable that are brighter than a dark background, by Otsu's threshold of √light."""
+def bright_of(photograph: Photograph) -> NDArray[np.bool_]:
+    """Pixels that are brighter than a dark background, by Otsu's threshold of √light."""
     from skimage.filters import threshold_otsu
 
     light = np.sqrt(np.maximum(photograph.values.max(axis=2), 0.0))
