@@ -63,6 +63,10 @@ class Errors:
         """With a further standard error of all positions [m]."""
         return replace(self, position=np.hypot(self.position, np.float32(doubt)))
 
+    def with_colour_doubt(self, doubt: NDArray[np.floating] | float) -> Errors:
+        """With a further standard error of body colours, (nz, ny, nx, 3) or of all."""
+        return replace(self, colour=np.hypot(self.colour, np.asarray(doubt, np.float32)))
+
     def counted_back(self, unit: float) -> Errors:
         """With those of body colours that were counted in a unit."""
         return self if unit == 1.0 else replace(self, colour=(self.colour * unit).astype(np.float32))

@@ -18,6 +18,7 @@ from scipy import ndimage
 from hagoromo.least_squares.loss import NORMAL_95
 from hagoromo.recovery.descent import Descent
 from hagoromo.recovery.gloss_step import GLOSS_RANGE, N_SPREAD, N_USUAL, Slopes, beforehand, without_colours
+from hagoromo.recovery.matter_field import COLOURS
 from hagoromo.recovery.pixel_table import CHUNK
 from hagoromo.recovery.shading import GLOSS, START, each_gloss, figures
 
@@ -26,6 +27,7 @@ MOST_CHUNKS = 1 << 16  # that are looked at: more would not say more
 LIT = 0.02  # light by a body colour, of that of bright pixels, from which a photograph shows a place lit
 BRIGHT = 90  # percentile of pixels that are bright
 FEIGNED = 1.0 / 3.0  # of the squared residual where its light is, that a gloss must explain to be one
+AROUND = 1.0  # voxels, standard deviation of means over places
 IDENTIFIABLE = 0.5  # standard error of a logarithm up to which a parameter counts as known by the photographs
 
 
@@ -33,16 +35,19 @@ IDENTIFIABLE = 0.5  # standard error of a logarithm up to which a parameter coun
 class Evidence:
     """covariance: of the gloss, see `NodeShading`. photographs: (nz, ny, nx) that show each place of the surface lit.
     most_beta: upper end of the 95 % interval of the β that was fitted, where the object is taken for matt; None: it has
-    a gloss.
+    a gloss. in_its_place: (nz, ny, nx, 3, glosses) body colour that would send the light of each gloss; None: that is
+    not known.
     """
 
     covariance: NDArray[np.float64]
     photographs: NDArray[np.int32]
     most_beta: float | None = None
+    in_its_place: NDArray[np.float32] | None = None
 
     def in_order(self, order: list[int]) -> Evidence:
         """With the numbers of the gloss in another order."""
-        return replace(self, covariance=self.covariance[np.ix_(order, order)])
+        held = self.in_its_place if self.in_its_place is None or order[0] == 0 else self.in_its_place[..., ::-1]
+        return replace(self, covariance=self.covariance[np.ix_(order, order)], in_its_place=held)
 
     def with_halves(self, first: NDArray[np.floating], second: NDArray[np.floating]) -> Evidence:
         """With the gloss that each half of the photographs gives: the square of half of what they differ by counts as
@@ -71,6 +76,17 @@ class Evidence:
             change[one[0]], change[one[1]] = -2.0 * wider, wider
             known = known.with_change(change)
         return known
+
+    def colour_doubt(self, gloss: NDArray[np.floating]) -> NDArray[np.float32] | float:
+        """Standard errors (nz, ny, nx, 3) of body colours by those of the weights of glosses: what is no gloss is body.
+
+        A gloss whose weight is not known at all may be none: its whole light is in doubt, and no more than that.
+        """
+        if self.in_its_place is None or self.most_beta is not None:
+            return 0.0
+        betas = [one[0] for one in each_gloss(gloss)]
+        share = np.minimum(np.sqrt(np.diag(self.covariance)[betas]), 1.0)
+        return np.asarray(np.sqrt(((share * self.in_its_place) ** 2).sum(axis=-1)), np.float32)
 
     def materials(self, gloss: NDArray[np.floating]) -> list[dict[str, Any]]:
         """Each gloss with standard errors and 95 % intervals, with the keys of materials.json."""
@@ -119,7 +135,27 @@ def evidence_of(descent: Descent, seen: tuple[Slopes, float], coarser: NDArray[n
     if coarser is not None and descent.lamps.each:
         gloss = gloss + np.diag((descent.gloss - coarser) ** 2)
     photographs = _photographs(slopes, count).reshape(shape)
-    return Evidence(gloss, ndimage.maximum_filter(photographs, 1 + 2 * descent.field.shown_around))
+    instead = None
+    if descent.lamps.each and descent.field.element == "plane":
+        instead = _in_its_place(slopes, [one[0] for one in each_gloss(descent.gloss)], shape)
+    photographs = ndimage.maximum_filter(photographs, 1 + 2 * descent.field.shown_around)
+    return Evidence(gloss, photographs, in_its_place=instead)
+
+
+def _in_its_place(slopes: Slopes, betas: list[int], shape: tuple[int, ...]) -> NDArray[np.float32]:
+    """See `Evidence`; means over neighbours. betas: which slopes are by ln β, and so the light of a gloss itself."""
+    found = np.zeros((*shape, COLOURS, len(betas)), np.float32)
+
+    def around(values: NDArray[np.floating]) -> NDArray[np.floating]:
+        sums = np.bincount(slopes.node, values, minlength=int(np.prod(shape))).reshape(shape)
+        return ndimage.gaussian_filter(sums, AROUND, mode="constant")
+
+    for c in range(COLOURS):
+        by = slopes.by_colour[:, c]
+        all_of = np.maximum(around(by * by), 1e-30)
+        for k, beta in enumerate(betas):
+            found[..., c, k] = around(by * slopes.by_gloss[:, c, beta]) / all_of
+    return found
 
 
 def _photographs(slopes: Slopes, count: int) -> NDArray[np.int32]:
@@ -160,16 +196,17 @@ def _matt_material(most_beta: float) -> dict[str, Any]:
 
 
 def _material(gloss: NDArray[np.floating], errors: NDArray[np.floating]) -> dict[str, Any]:
-    """One gloss, with standard errors of the logarithms."""
+    """One gloss, with standard errors of the logarithms. One whose β is not identifiable may be none."""
     found = dict(zip(GLOSS, figures(gloss), strict=True))
     low, high = (figures(np.asarray(gloss) + sign * NORMAL_95 * errors) for sign in (-1.0, 1.0))
+    known = {
+        key: bool(e < (0.7 * N_SPREAD if key == "n" else IDENTIFIABLE)) for key, e in zip(GLOSS, errors, strict=True)
+    }
+    nothing = {"beta": [0.0, high[0]]}
     scale = {"beta": found["beta"], "gamma": found["gamma"], "n": found["n"] - 1.0}
     return {
         **found,
         "standard_error": {key: float(scale[key] * e) for key, e in zip(GLOSS, errors, strict=True)},
-        "interval_95": {key: [low[k], high[k]] for k, key in enumerate(GLOSS)},
-        "identifiable": {
-            key: bool(e < (0.7 * N_SPREAD if key == "n" else IDENTIFIABLE))
-            for key, e in zip(GLOSS, errors, strict=True)
-        },
+        "interval_95": {key: [low[k], high[k]] for k, key in enumerate(GLOSS)} | ({} if known["beta"] else nothing),
+        "identifiable": known,
     }

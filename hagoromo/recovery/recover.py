@@ -283,6 +283,7 @@ def _recovered(
         known = known.in_order(order_of(shape.gloss))
         known = known.with_halves(*(half.gloss[order_of(half.gloss)] for half in halves)) if halves else known
         known = known if errors is None else known.with_normals(found.gloss, errors.normal)
+        errors = errors and errors.with_colour_doubt(unit * known.colour_doubt(found.gloss))
     used, kept = _changed(used, look), _changed(kept, look)
     return Recovered(
         found.lattice, np.asarray(without_crumbs(found.distance), np.float32), found.colours, found.gloss,
