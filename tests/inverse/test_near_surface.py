@@ -15,7 +15,8 @@ from hagoromo.recovery.lattice import Lattice
 from hagoromo.recovery.light_between import share_between
 from hagoromo.recovery.near_surface import NearSurface, on_surface
 from hagoromo.recovery.object_sky import ObjectSky, Unlit
-from hagoromo.recovery.pixel_table import PixelTable
+from hagoromo.recovery.object_view import ObjectView
+from hagoromo.recovery.pixel_table import PixelTable, blurred
 from hagoromo.recovery.shading import START, coordinates
 from hagoromo.recovery.silhouettes import views_of
 from hagoromo.recovery.surface_march import SurfaceMarch
@@ -150,3 +151,15 @@ def test_a_thin_plate_is_said_to_be_thin(tmp_path):
     assert "24 nodes do not hold it" in thin and "give more nodes (--side 48)" in thin
     assert record["errors"]["too_thin"] == 1.0 and record["errors"]["position_m"] is None
     hg.write_recovery_report(tmp_path / "report.html", found, record)
+
+
+def test_light_beside_an_outline_is_in_error_by_what_a_soft_edge_hides():
+    """Φ(−d/s) of the light of the pixel; outside the outline, of the nearest one inside."""
+    silhouette = np.zeros((12, 12), bool)
+    silhouette[:, :6] = True
+    values = np.where(silhouette, 0.5, 0.0)[..., None] * np.ones(3, np.float32)
+    camera = hg.Camera(12, 12, (20.0, 20.0), (6.0, 6.0))
+    view = ObjectView(hg.Photograph(values, np.ones_like(values), silhouette, camera), silhouette)
+    off = blurred(view, 2.0)
+    for column, way in ((5, 0.5), (3, 2.5), (6, 0.5), (8, 2.5)):
+        assert np.allclose(off[:, column], 0.5 / (1.0 + np.exp(way / 2.0)))
