@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import drjit as dr
 import numpy as np
@@ -24,10 +24,20 @@ Array = NDArray[np.float64]
 DISTANCE = 0.6  # m, of cameras
 RADIUS = 0.05  # m, about that of the object
 FOCAL = 5.2  # in widths of a photograph
-FULL_WELL, READ_NOISE, BITS = 20_000.0, 8.0, 12
 ALPHA = 1.0 / np.pi
 SURFACE, MOST_STEPS = 2e-6, 1500  # m from the surface that counts as on it; steps of a ray along a flat face
 OVERSAMPLED = 2  # rays along a side of a pixel
+
+
+class TrueSensor(NamedTuple):
+    """full_well, read_noise: of a pixel [electrons]. bits: of its values."""
+
+    full_well: float = 20_000.0
+    read_noise: float = 8.0
+    bits: int = 12
+
+
+USUAL_SENSOR = TrueSensor()
 
 
 class TrueObject:
@@ -66,13 +76,20 @@ class TrueObject:
 @dataclass(frozen=True)
 class Shots:
     """Where cameras and lamps are. views: directions from the object (n, 3). lamps: of each view, positions [m]. focal:
-    in widths of a photograph.
+    in widths of a photograph. far: whether lamps shine from infinity, from the directions of their positions.
     """
 
     views: Array
     lamps: list[Array]
     pixels: int = 160
     focal: float = FOCAL
+    far: bool = False
+
+    def lamp(self, place: Array) -> hg.Lamp:
+        """That of a position (3,) [m]: a white plane that faces it has about the light of 1 in the middle."""
+        if self.far:
+            return hg.Lamp(to_lamp=place, intensity=np.pi)
+        return hg.Lamp(position=place, intensity=np.pi * float(place @ place))
 
 
 @dataclass(frozen=True)
@@ -124,7 +141,9 @@ def standing(count: int, lamps: int, pixels: int = 160, distance: float = 0.5) -
     return Shots(views, [distance * places[places @ view > 0.05] for view in views], pixels)
 
 
-def simulated(truth: TrueObject, taken: Shots, seed: int = 0, noise: bool = True) -> Simulated:
+def simulated(
+    truth: TrueObject, taken: Shots, seed: int = 0, noise: bool = True, sensor: TrueSensor = USUAL_SENSOR
+) -> Simulated:
     """Photographs of an object, one for each view and lamp."""
     random, out = np.random.default_rng(seed), Simulated(hg.Capture((_nothing(),)))
     photographs: list[hg.Photograph] = []
@@ -134,12 +153,13 @@ def simulated(truth: TrueObject, taken: Shots, seed: int = 0, noise: bool = True
             taken.pixels, taken.pixels, (focal, focal), (taken.pixels / 2, taken.pixels / 2), name="simulated"
         ).look_at(tuple(DISTANCE * view), (0.0, 0.0, 0.0))
         for place in lamps:
-            lamp = hg.Lamp(position=place, intensity=np.pi * float(place @ place))
+            lamp = taken.lamp(place)
             light, share, normals, points = _light(truth, camera, lamp)
             made = (out.exact, light), (out.normals, normals), (out.points, points), (out.shares, share)
             for held, new in made:
                 held.append(new)
-            photographs.append(photograph_of(light, share, camera, lamp, random if noise else None, len(photographs)))
+            drawn, number = random if noise else None, len(photographs)
+            photographs.append(photograph_of(light, share, camera, lamp, drawn, number, sensor=sensor))
     capture, lamps = hg.Capture(tuple(photographs), "simulated"), [p.lamps[0] for p in photographs]
     strengths, places = [float(np.mean(lamp.intensity)) for lamp in lamps], [lamp.place for lamp in lamps]
     return Simulated(capture, out.exact, out.normals, out.points, strengths, places, shares=out.shares)
@@ -248,13 +268,15 @@ def _seen(truth: TrueObject, origin: Any, direction: Any, lamp: hg.Lamp) -> tupl
     way, hit = _met(truth, origin, direction, 2.0 * DISTANCE)
     point = origin + direction * way
     normal = _normal(truth, point)
-    offset = jit.Array3f(*(float(x) for x in lamp.place)) - point
+    towards = jit.Array3f(*(float(x) for x in lamp.place))
+    offset = towards - point if lamp.near else 2.0 * DISTANCE * towards
     distance = dr.norm(offset)
     to_lamp = offset / distance
+    fall = distance * distance if lamp.near else 1.0
     _, shaded = _met(truth, point + normal * 2e-5, to_lamp, distance)
     beta, gamma = truth.gloss(point)
     weights = torrance_sparrow(normal, to_lamp, -direction, ALPHA, beta, gamma, truth.n)
-    arriving = dr.select(hit & ~shaded, float(np.max(lamp.intensity)) / (distance * distance), 0.0)
+    arriving = dr.select(hit & ~shaded, float(np.max(lamp.intensity)) / fall, 0.0)
     return [arriving * (weights.body * c + weights.interface) for c in truth.colours(point)], hit
 
 
@@ -289,15 +311,17 @@ def photograph_of(
     random: np.random.Generator | None,
     number: int,
     covered: float = 0.5,
+    sensor: TrueSensor = USUAL_SENSOR,
 ) -> hg.Photograph:
     """What a camera makes of light, with the object's mask: pixels of which it covers that share."""
     white = float(np.percentile(light[share > 0.5], 99.8)) if (share > 0.5).any() else 1.0
-    electrons = light / white * FULL_WELL
+    full_well, read_noise, bits = sensor
+    electrons = light / white * full_well
     if random is not None:
-        electrons = random.poisson(np.maximum(electrons, 0.0)) + random.normal(0.0, READ_NOISE, light.shape)
-    steps = 2.0**BITS - 1.0
-    read = np.minimum(np.rint(electrons / FULL_WELL * steps) / steps, 1.0)
-    variance = np.maximum(read, 0.0) / FULL_WELL + (READ_NOISE / FULL_WELL) ** 2 + 1.0 / steps**2 / 12.0
+        electrons = random.poisson(np.maximum(electrons, 0.0)) + random.normal(0.0, read_noise, light.shape)
+    steps = 2.0**bits - 1.0
+    read = np.minimum(np.rint(electrons / full_well * steps) / steps, 1.0)
+    variance = np.maximum(read, 0.0) / full_well + (read_noise / full_well) ** 2 + 1.0 / steps**2 / 12.0
     silhouette = share >= covered
     valid = silhouette & (read < 1.0).all(axis=2)
     values, spread = (each.astype(np.float32) for each in (read * white, variance * white**2))

@@ -81,6 +81,11 @@ STUDIES: dict[str, Study] = {
         "half an hour",
         (_module("recover_strangers", "--out", "out/recover_strangers"),),
     ),
+    "recover-random": Study(
+        "objects recovered from captures that nobody chose: pictures, forms and intervals, and what is said of them",
+        "half an hour",
+        (_module("recover_random", "--out", "out/recover_random"),),
+    ),
     "recover-materials": Study(
         "how often the intervals that recoveries state of β, γ and n hold the truth, over twelve captures",
         "a quarter of an hour",

@@ -78,6 +78,9 @@ INSIDE = {  # modules of the package that a study takes apart, and why no public
     # forms at any point in space, masks that are some pixels off, and files of 8 and 16 bits
     "strange_captures.py": {"files.png", "matter", "recovery.hull"},
     "recover_strangers.py": {"backend"},
+    # forms and colours at any point in space, and pictures of what was found
+    "drawn_objects.py": {"matter"},
+    "recover_random.py": {"backend", "files.png"},
     # shapes at any point in space
     "recovery_materials.py": {"backend", "matter"},
     # photographs beside cameras of another program, read as sRGB, and their masks
