@@ -128,8 +128,10 @@ def covered(found: hg.Recovered, shown: SurfaceErrors, colours: Array) -> tuple[
 
 
 def gloss_held(found: hg.Recovered, beta: float, gamma: float) -> bool:
-    """Whether 95 % intervals of β and γ hold the truth."""
+    """Whether 95 % intervals of β and γ hold the truth; that of β alone where it is 0, as there is no γ then."""
     interval = found.record()["material"]["interval_95"]
+    if beta == 0.0:
+        return bool(interval["beta"][0] == 0.0)
     return all(interval[k][0] <= v <= interval[k][1] for k, v in (("beta", beta), ("gamma", gamma)))
 
 
