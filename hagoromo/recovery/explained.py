@@ -103,6 +103,12 @@ def said_of(all_of: Sequence[Explained], stated: bool = True) -> list[str]:
             f"the light of {worse.sum()} of {count} photographs is explained {ODD_REST:g} times worse than is usual: "
             f"{listed(list(names[worse]))}; check their lamps and poses; or they look into a hollow that was not found"
         )
+    usual = float(np.nanmedian(share))
+    if usual > LEAST_REST:
+        said.append(
+            f"{100.0 * usual:.0f} % of the light of photographs is unexplained in the median: form and colours are not "
+            "those of the object; check lamps and poses, give masks, or photographs of more views"
+        )
     lacking = missing > MISSING
     if lacking.any():
         worst = int(np.nanargmax(missing))

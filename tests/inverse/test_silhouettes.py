@@ -49,6 +49,13 @@ def test_photographs_lit_from_the_front_may_miss_a_place_no_more_often_than_usua
     assert misses_of(outlines_of(views_of(photographs(5, 40)))) == int(ALLOWED * VIEWS)
 
 
+@pytest.mark.parametrize(("rest", "count"), [(0.05, 0), (0.25, 1)])
+def test_photographs_that_are_all_badly_explained_are_said(rest, count):
+    """None of them is worse than the others."""
+    said = said_of([Explained(name, light=1.0, rest=rest, scaled=rest, factor=1.0, missing=0.0) for name in "abc"])
+    assert len(said) == count and all(one.startswith("25 % of the light of photographs is unex") for one in said)
+
+
 @pytest.mark.parametrize(("stated", "what"), [(True, "1 of 3 masks are not"), (False, "bright in 1 of 3 photographs")])
 def test_what_the_object_does_not_cover_is_said(stated, what):
     usual = Explained("a", light=1.0, rest=0.01, scaled=0.01, factor=1.0, missing=0.0)
