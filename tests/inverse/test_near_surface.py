@@ -132,7 +132,7 @@ def test_outlines_outside_of_those_of_masks_are_measured_and_said():
     assert large.beyond - right.beyond == pytest.approx(0.003, abs=2e-4)
     assert abs(right.beyond) < 0.12 * right.lattice.voxel
     assert any("mm outside its masks" in said for said in large.record()["remarks"])
-    assert right.record()["remarks"] == []
+    assert not any("mm outside its masks" in said for said in right.record()["remarks"])
 
 
 def test_light_between_parts_of_a_white_bowl_is_said():
