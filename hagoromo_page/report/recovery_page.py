@@ -98,7 +98,7 @@ def _found(recovered: Recovered, record: dict[str, Any]) -> list[str]:
         said.append(f"A first look tried light of the first order and of all orders: {words}.")
     if hollow := record["hollow"]:
         said.append(
-            f"A hollow was found that no silhouette shows: with a wall of {1e3 * hollow['wall_m']:.2g} mm at first it left "
+            f"A hollow was found that no silhouette shows: one with a wall of {1e3 * hollow['wall_m']:.2g} mm left "
             f"{100.0 * (1.0 - hollow['left_over']):.0f} % less unexplained than a dent."
         )
     if not recovered.lit:
