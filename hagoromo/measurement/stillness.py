@@ -40,7 +40,10 @@ STEPS, SETTLED = 8, 0.03  # of a shift, and the last one [px]
 FARTHEST = 2.0  # px of a step, and beyond which edges are compared from afar, too
 LEAST_FACTOR = 0.3  # of the prediction, in the size of a step
 BLOCKS = 4  # along each side, that are left out one after the other (jackknife)
-BETTER = 0.85  # misfit of the prediction shifted or blurred over that without, from which it is said
+FEW = 6  # photographs from which sums of the others are near to each
+# Misfit of the prediction shifted or blurred over that without, from which it is said: of few photographs, and of many,
+# less so much for each: cast shadows and gloss that the others lack look like shifts where few are summed.
+BETTER_OF_FEW, BETTER, BETTER_EACH = 0.5, 0.85, 0.6
 SHIFT_PX = (0.35, 0.6)  # least shift that is said, of photographs that stand still otherwise, and of any
 UNUSUAL = 4.0  # times the usual shift (as a standard deviation along an axis)
 CERTAIN = 5.0  # standard errors of a shift
@@ -238,8 +241,10 @@ def _moved(views: _Views) -> tuple[dict[int, Array], bool]:
     usual = np.median([np.hypot(*one.value) for one in found.values()]) if found else 0.0
     limit = np.clip(UNUSUAL * usual / np.sqrt(2.0 * np.log(2.0)), *SHIFT_PX)  # the median of a Rayleigh distribution
 
+    better = _better(len(views.grey))
+
     def said(one: _Found) -> bool:
-        return bool(one.misfit < BETTER and one.certain > CERTAIN and np.hypot(*one.value) > limit)
+        return bool(one.misfit < better and one.certain > CERTAIN and np.hypot(*one.value) > limit)
 
     def spoil(picture: Array) -> Array:
         return _shifted(picture, np.full(2, TRIED_SHIFT / np.sqrt(2.0)))
@@ -270,8 +275,10 @@ def _blurred(views: _Views, shifts: Mapping[int, Array]) -> tuple[dict[int, floa
     def look(views: _Views, number: int, among: Sequence[int]) -> _Found | None:
         return _look_at_blur(views, number, among, shifts.get(number))
 
+    better = _better(len(views.grey))
+
     def said(one: _Found) -> bool:
-        return one.misfit < BETTER and one.certain >= LEFT_OUT_PX and one.value >= BLUR_PX
+        return one.misfit < better and one.certain >= LEFT_OUT_PX and one.value >= BLUR_PX
 
     def spoil(picture: Array) -> Array:
         return np.asarray(gaussian_filter(picture, TRIED_BLUR))
@@ -299,6 +306,11 @@ def _look_at_blur(views: _Views, number: int, among: Sequence[int], shift: Array
     total = each.sum(axis=1)
     best, without = int(np.argmin(total)), np.argmin(total[:, None] - each, axis=0)
     return _Found(BLURS[best], total[best] / total[0], min(BLURS[k] for k in without))
+
+
+def _better(count: int) -> float:
+    """Of `count` photographs: misfit from which a shift or blur is said."""
+    return BETTER_OF_FEW if count < FEW else BETTER - BETTER_EACH / count
 
 
 def _looked(views: _Views, look: Look) -> dict[int, _Found]:

@@ -58,6 +58,10 @@ class MatterColours:
         colours = [MATERIAL_COLOURS[k % len(MATERIAL_COLOURS)] for k in range(max(materials, 1))]
         self.table = lookup(jit.Float, np.ravel(colours).astype(np.float32))
 
+    def in_parts(self) -> list[MatterColours]:
+        """One part: there are no lamps."""
+        return [self]
+
     def in_groups(self, light: list[Float]) -> list[Float]:
         """The channels as they are."""
         return light
