@@ -125,6 +125,8 @@ def test_citations_of_the_model_lead_to_its_sections():
 def test_sources_of_docstrings_are_in_the_bibliography():
     """Every "Author year" in the code is an entry of docs/references.bib."""
     bib = (ROOT / "docs" / "references.bib").read_text(encoding="utf-8")
+    keys = re.findall(r"^@\w+\{([^,]+),$", bib, re.MULTILINE)
+    assert len(set(keys)) == len(keys)
     authors = re.findall(r"author = \{(.*)\},\n.*\n  year = \{(\d+)\}", bib)
     known = {(name.split(",")[0], year) for names, year in authors for name in names.split(" and ")}
     cited = {
