@@ -22,7 +22,7 @@ import hagoromo as hg
 from hagoromo.backend import vectors
 from hagoromo.files.png import write_png
 from studies.drawn_objects import DrawnCapture, drawn_capture
-from studies.recovery_scores import covered, psnr, shape_errors, stated
+from studies.recovery_scores import covered, held_words, psnr, said_words, shape_errors, stated
 
 SIDE, STEPS, SEEDS = 40, 60, 24
 LEAST_HELD = 85.0  # % of places that intervals of 95 % hold, below which a row is said to fall short
@@ -119,13 +119,11 @@ def table(rows: Sequence[RandomRow]) -> str:
         "|---|---|---|---|---|---|---|---|---|",
     ]
     for row in rows:
-        said = "; ".join(_short(each) for each in row.said) or "nothing"
+        said = said_words(row.said)
         if row.psnr is None or row.worst is None or row.normals is None or row.surface is None:
             lines.append(f"| {row.number}: {row.words} | | | | | | | | {row.fault or f'refused: {row.refused}'} |")
             continue
-        held = "" if row.held is None else ", ".join(f"{each:.0f}" for each in row.held) + " %"
-        if row.stated < 99.5:
-            held = f"{held} of {row.stated:.0f} % of the places" if row.held else "stated nowhere"
+        held = held_words(row.held, row.stated)
         gloss = ", ".join("yes" if each else "no" for each in row.gloss)
         scores = f"{row.psnr:.1f}, {row.worst:.1f} dB | {row.normals:.1f}° | {row.surface:.2f} %"
         beta = f"{row.beta:.2f}" + ("" if "matt" in row.words else " of it")
@@ -150,11 +148,6 @@ def summary(rows: Sequence[RandomRow]) -> str:
         f"these in {len(short)}: {', '.join(map(str, short)) or 'none'}. "
         f"Of β, γ and n {sum(gloss)} of {len(gloss)} are held."
     )
-
-
-def _short(said: str) -> str:
-    """The first clause."""
-    return said.split(":")[0].split(";")[0]
 
 
 def main(out: Path, first: int = 0, seeds: int = SEEDS) -> None:

@@ -24,7 +24,7 @@ import hagoromo as hg
 from hagoromo.backend import vectors
 from studies.path_scenes import path_simulated, shape_mesh
 from studies.recover_scenes import Simulated, TrueObject, shots, simulated
-from studies.recovery_scores import covered, gloss_held, psnr, shape_errors, stated
+from studies.recovery_scores import covered, gloss_held, held_words, psnr, said_words, shape_errors, stated
 from studies.strange_captures import (
     Bowl,
     Cube,
@@ -207,22 +207,15 @@ def table(rows: Sequence[StrangerRow]) -> str:
         "|---|---|---|---|---|---|---|---|",
     ]
     for row in rows:
-        said = "; ".join(_short(each) for each in row.said) or "nothing"
+        said = said_words(row.said)
         if row.new is None or row.side is None or row.normals is None or row.surface is None:
             lines.append(f"| {row.words} | | | | | | | {said} |")
             continue
-        held = "" if row.held is None else ", ".join(f"{each:.0f}" for each in row.held) + " %"
-        if row.stated < 99.5:
-            held = f"{held} of {row.stated:.0f} % of the places" if row.held else "stated nowhere"
+        held = held_words(row.held, row.stated)
         gloss = {True: "yes", False: "no", None: ""}[row.gloss_held]
         scores = f"{row.new:.1f}, {row.side:.1f} dB | {row.normals:.2f}° | {row.surface:.2f} %"
         lines.append(f"| {row.words} | {scores} | {held} | {gloss} | {row.seconds:.0f} | {said} |")
     return "\n".join(lines) + "\n"
-
-
-def _short(said: str) -> str:
-    """The first clause; of a refusal all."""
-    return said if said.startswith("refused") else said.split(":")[0].split(";")[0]
 
 
 def main() -> None:

@@ -23,6 +23,19 @@ Array = NDArray[np.float64]
 TWO_SIDED = NormalDist().inv_cdf(0.975)  # standard errors of a 95 % interval
 
 
+def held_words(held: Sequence[float] | None, stated_of: float) -> str:
+    """What intervals hold [%], and of how many places where they are not stated of all [%]."""
+    words = "" if held is None else ", ".join(f"{each:.0f}" for each in held) + " %"
+    if stated_of >= 99.5:
+        return words
+    return f"{words} of {stated_of:.0f} % of the places" if held else "stated nowhere"
+
+
+def said_words(said: Sequence[str]) -> str:
+    """The first clause of each; of a refusal all."""
+    return "; ".join(s if s.startswith("refused") else s.split(":")[0].split(";")[0] for s in said) or "nothing"
+
+
 def strengths_off(photographs: Sequence[hg.Photograph], photographed: Simulated) -> float:
     """Standard deviation of the logarithms of lamps' strengths over the true ones [%]."""
     pairs = zip(photographs, photographed.strengths, strict=True)
