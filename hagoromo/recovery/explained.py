@@ -32,10 +32,9 @@ MENDED = 0.75  # share of the residual that is left after a factor, where it is 
 LEAST_LIGHT = 0.1  # of the usual light: darker photographs are not judged by their own
 ODD_REST, LEAST_REST = 3.0, 0.1  # residual of an odd photograph, in usual ones; and least share of its light
 CURVE = 0.25 * np.pi  # length of a curve over what it goes along two axes, as a mean over all directions
-LEFT = (
-    0.2  # share of the light that is unexplained in the median photograph, from which that is said: a lattice that is
-)
-# too coarse for an object leaves 0.13
+# Share of the light that is unexplained in the median photograph, from which that is said: a lattice that is too coarse
+# for an object leaves 0.13.
+LEFT = 0.2
 MISSING = 0.1  # share of a mask that is not covered, from which that is said
 
 
