@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -63,14 +65,20 @@ def unfit(capture: Capture) -> str:
         return f"{len(shots)} photographs, and the shading tells from {FEWEST_LAMPS} on"
     if any(len(shot.lamps) != 1 for shot in shots):
         return "photographs under several lamps, or none"
-    if any(
-        shot.values.shape != first.values.shape or not np.allclose(shot.camera.matrix, first.camera.matrix, rtol=1e-6)
-        for shot in shots
-    ):
+    if not one_view(shots):
         return "photographs of several views"
     if capture.points is None and near(capture) and not _plane_is_known(first):
         return "near lamps, and neither points of the surface nor its distance"
     return ""
+
+
+def one_view(photographs: Sequence[Photograph]) -> bool:
+    """Whether all photographs are of one camera at one place."""
+    first = photographs[0]
+    return all(
+        shot.values.shape == first.values.shape and np.allclose(shot.camera.matrix, first.camera.matrix, rtol=1e-6)
+        for shot in photographs
+    )
 
 
 def near(capture: Capture) -> bool:

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.least_squares.loss import ROBUST_SCALE, Loss
+from hagoromo.measurement.linearity import LEAST_SIGNAL, one_view
 from hagoromo.measurement.squares import square_means
 from hagoromo.photograph.photograph import Photograph
 
@@ -33,6 +34,7 @@ COARSE, FINE = 3.0, 5.0  # [px] factors are found above this scale, shifts and b
 STRENGTH, FAINT = 8.0, 0.05  # [px] over which the strength of edges is made alike, and the share of the largest left
 SHADE, DARK = 1.5, 0.2  # [px], and share of its largest light below which a place is in shadow, and does not count
 TERMS = 4  # of the sums
+FEWEST_PIXELS = 10 * TERMS  # of a photograph, that give its factors
 THINNED = 2  # each so many pixels, along rows and columns, give the factors
 LOSS = Loss("huber", 1.5)
 ROUNDS = 4  # of reweighting
@@ -50,7 +52,6 @@ CERTAIN = 5.0  # standard errors of a shift
 BLURS = (0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 6.0)  # [px] standard deviations of a Gaussian
 BLUR_PX, LEFT_OUT_PX = 1.5, 1.0  # least blur that is said, with all blocks and without any one
 TRIED_SHIFT, TRIED_BLUR = 1.0, 2.0  # px, that would have to be said of the usual photograph
-LEAST_SIGNAL = 5.0  # standard deviations of a compared pixel's noise from which it shows the scene
 LEAST_SHOWN = 0.01  # share of the pixels that must show the scene; a photograph nearly black says nothing
 MOST_NAMED = 6  # photographs after which no further rounds are made
 
@@ -91,15 +92,6 @@ def stillness(photographs: Sequence[Photograph]) -> Stillness | None:
     )
 
 
-def one_view(photographs: Sequence[Photograph]) -> bool:
-    """Whether all photographs are of one camera at one place."""
-    first = photographs[0]
-    return all(
-        shot.values.shape == first.values.shape and np.allclose(shot.camera.matrix, first.camera.matrix, rtol=1e-6)
-        for shot in photographs
-    )
-
-
 class _Views:
     """The grey photographs (K, h, w) of a `part` of the picture, binned by `step`, and those smoothed."""
 
@@ -123,6 +115,10 @@ class _Views:
         rows, columns = (np.arange(size) * BLOCKS // size for size in self.grey.shape[1:])
         self.block = rows[:, None] * BLOCKS + columns
 
+    def count(self, number: int) -> int:
+        """Pixels of a photograph that give its factors."""
+        return int(np.count_nonzero(self.usable[number, ::THINNED, ::THINNED]))
+
     def with_picture(self, number: int, picture: Array) -> _Views:
         """The same with another picture (h, w) for one photograph."""
         changed = copy(self)
@@ -138,7 +134,8 @@ class _Views:
 
         window = np.outer(*(np.hanning(n + 2)[1:-1] for n in self.grey.shape[1:]))
         others = self.edges[[k for k in among if k != number]].sum(axis=0) * window
-        return np.asarray(phase_cross_correlation(self.edges[number] * window, others)[0], np.float64)
+        own = self.edges[number] * window
+        return np.asarray(phase_cross_correlation(own, others)[0], np.float64) if own.any() else np.zeros(2)
 
     def prediction(self, number: int, among: Sequence[int], shift: Array | None = None) -> Array:
         """(h, w) the photograph as a sum of the others in `among`; shift: far, by which it is moved back for that."""
@@ -210,16 +207,18 @@ class _Pair(NamedTuple):
         right = np.array([of_blocks(weight * a * own) for a in columns.T]).T
         detail = squares[:, 0, 0] + squares[:, 1, 1]
         blocks = np.flatnonzero(detail > 1e-3 * detail.sum())
+        if len(blocks) < 2:
+            return 0.0
         without = [_solved(squares.sum(axis=0) - squares[k], right.sum(axis=0) - right[k]) for k in blocks]
         steps = np.array([one[:2] / max(one[2], LEAST_FACTOR) for one in without])
         off = steps - steps.mean(axis=0)
-        covariance = (len(blocks) - 1) / max(len(blocks), 1) * off.T @ off + 1e-4 * np.eye(2)
+        covariance = (len(blocks) - 1) / len(blocks) * off.T @ off + 1e-4 * np.eye(2)
         return float(np.sqrt(shift @ np.linalg.solve(covariance, shift)))
 
 
-def _pair(views: _Views, number: int, among: Sequence[int]) -> _Pair:
-    own, prediction = _fine(views.grey[number].astype(np.float64)), _fine(views.prediction(number, among))
-    return _Pair(own, prediction, views.usable[number], views.block)
+def _pair(views: _Views, number: int, prediction: Array) -> _Pair:
+    own = _fine(views.grey[number].astype(np.float64))
+    return _Pair(own, _fine(prediction), views.usable[number], views.block)
 
 
 class _Found(NamedTuple):
@@ -232,7 +231,7 @@ class _Found(NamedTuple):
     certain: float
 
 
-Look = Callable[[_Views, int, Sequence[int]], _Found | None]  # at a photograph, beside some others
+Look = Callable[[_Views, int, Sequence[int]], _Found]  # at a photograph, beside some others
 
 
 def _moved(views: _Views) -> tuple[dict[int, Array], bool]:
@@ -252,10 +251,8 @@ def _moved(views: _Views) -> tuple[dict[int, Array], bool]:
     return _named(views, found, _look_at_shift, said), _would_say(views, found, _look_at_shift, said, spoil)
 
 
-def _look_at_shift(views: _Views, number: int, among: Sequence[int]) -> _Found | None:
-    pair = _pair(views, number, among)
-    if not pair.usable.any():
-        return None
+def _look_at_shift(views: _Views, number: int, among: Sequence[int]) -> _Found:
+    pair = _pair(views, number, views.prediction(number, among))
     tries = [(pair.prediction, *pair.shift(np.zeros(2)))]
     far = views.coarse_shift(number, among)
     if np.hypot(*far) > FARTHEST:
@@ -272,7 +269,7 @@ def _blurred(views: _Views, shifts: Mapping[int, Array]) -> tuple[dict[int, floa
     """Blurs [px of `views`] of photographs that are less sharp, and whether one of TRIED_BLUR would be said."""
     from scipy.ndimage import gaussian_filter
 
-    def look(views: _Views, number: int, among: Sequence[int]) -> _Found | None:
+    def look(views: _Views, number: int, among: Sequence[int]) -> _Found:
         return _look_at_blur(views, number, among, shifts.get(number))
 
     better = _better(len(views.grey))
@@ -287,14 +284,12 @@ def _blurred(views: _Views, shifts: Mapping[int, Array]) -> tuple[dict[int, floa
     return _named(views, found, look, said), _would_say(views, found, look, said, spoil)
 
 
-def _look_at_blur(views: _Views, number: int, among: Sequence[int], shift: Array | None) -> _Found | None:
+def _look_at_blur(views: _Views, number: int, among: Sequence[int], shift: Array | None) -> _Found:
     from scipy.ndimage import gaussian_filter
 
-    own, whole = _fine(views.grey[number].astype(np.float64)), views.prediction(number, among)
+    whole = views.prediction(number, among)
     whole = whole if shift is None else _shifted(whole, shift)
-    pair = _Pair(own, _fine(whole), views.usable[number], views.block)
-    if not pair.usable.any():
-        return None
+    pair = _pair(views, number, whole)
 
     def misfits(blurs: Sequence[float]) -> Array:
         return pair.misfits([_fine(gaussian_filter(whole, blur)) for blur in blurs]) + 1e-300
@@ -315,7 +310,7 @@ def _better(count: int) -> float:
 
 def _looked(views: _Views, look: Look) -> dict[int, _Found]:
     among = range(len(views.grey))
-    return {k: one for k in among if (one := look(views, k, among)) is not None}
+    return {k: look(views, k, among) for k in among if views.count(k) > FEWEST_PIXELS}
 
 
 def _named(views: _Views, found: Mapping[int, _Found], look: Look, said: Callable[[_Found], bool]) -> dict[int, Any]:
@@ -328,7 +323,7 @@ def _named(views: _Views, found: Mapping[int, _Found], look: Look, said: Callabl
         worst = min(candidates, key=lambda k: candidates[k].misfit)
         named[worst] = candidates.pop(worst).value
         among.remove(worst)
-        found = {k: one for k in candidates if (one := look(views, k, among)) is not None}
+        found = {k: look(views, k, among) for k in candidates}
 
 
 def _would_say(
@@ -339,8 +334,7 @@ def _would_say(
     if not found:
         return False
     usual = sorted(found, key=lambda k: found[k].misfit)[len(found) // 2]
-    one = look(views.with_picture(usual, spoil(views.grey[usual])), usual, list(found))
-    return one is not None and bool(said(one))
+    return bool(said(look(views.with_picture(usual, spoil(views.grey[usual])), usual, list(found))))
 
 
 def _fine(picture: Array) -> Array:

@@ -94,6 +94,20 @@ def test_photographs_of_nothing_and_of_several_views_say_nothing():
     assert stillness([one, black, black, moved_by(one, *BY)]) is None
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("shape", [(60, 70), (6, 5), (1, 1), (1, 90)], ids=str)
+@pytest.mark.parametrize("even", [True, False], ids=["even", "noise"])
+def test_pictures_with_nothing_to_compare_say_nothing(shape, even):
+    random, camera = np.random.default_rng(2), Camera(shape[1], shape[0], (300.0, 300.0), (0.5, 0.5))
+    shots = []
+    for number in range(7):
+        values = (np.full((*shape, 3), 0.5) if even else random.random((*shape, 3))).astype(np.float32)
+        there = np.ones(shape, np.bool_)
+        shots.append(Photograph(values, np.full_like(values, 1e-4), there, camera, (), f"{number}"))
+    found = found_in(shots)
+    assert found.shifts == found.blurs == {} and not found.shows_shift and not found.shows_blur
+
+
 @real_data("uw_psm")
 @pytest.mark.parametrize("name", ["gray", "cat", "rock"])
 def test_real_photographs_under_twelve_lamps_stand_still_until_one_is_moved(name):

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.measurement.health.health import Check, doubtful, good, not_testable
-from hagoromo.measurement.stillness import Stillness, one_view
+from hagoromo.measurement.linearity import one_view
+from hagoromo.measurement.stillness import Stillness
 from hagoromo.photograph.capture import Capture
 
 TOO_FEW = "fewer than three photographs of one view that show something"
