@@ -111,7 +111,7 @@ def _lit(shading: ShadingSample, capture: Capture) -> JudgedLamps:
 
     Linear values under lamps as they are stated need no other explanation, nor do linear values of a glossy surface.
     On a flat surface each transfer has strengths that explain it. A curve, with the strengths that go with it, has to
-    explain the photographs better than linear values with theirs.
+    explain the photographs better than linear values with theirs, and it is said only where those do not do without it.
     """
     linear, stated = fitted_lamps(shading, (1.0,)), linearity_of(capture)
     if not linear.uneven and stated is not None and stated.finding == "linear":
@@ -131,7 +131,9 @@ def _lit(shading: ShadingSample, capture: Capture) -> JudgedLamps:
         return JudgedLamps(matte, fitted_lamps(matte, (1.0,)), exponent_of(matte.lit, matte.to_lamp, matte.to_eye))
     if linear.uneven and flat:
         return JudgedLamps(shading, linear, None, CONFOUNDED)
-    return JudgedLamps(shading, linear, linearity_of(with_strengths(capture, linear)) if linear.uneven else stated)
+    if linear.uneven or stated is None or stated.contradicted:
+        return JudgedLamps(shading, linear, linearity_of(with_strengths(capture, linear)))
+    return JudgedLamps(shading, linear, stated)
 
 
 def _of_lamps(shading: ShadingSample, capture: Capture, lamps: FittedLamps | None, why: str) -> dict[Name, Check]:

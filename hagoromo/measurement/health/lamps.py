@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from hagoromo.least_squares.loss import robust_scale
 from hagoromo.measurement.health.health import Check, doubtful, good
 from hagoromo.measurement.health.shading import Array, ShadingSample
 from hagoromo.photograph.exponent import FLOOR, RELATIVE, ROBUST, loss
@@ -23,10 +24,16 @@ TURNS = 40  # of strengths and normals in turn
 SETTLED = 1e-3  # change of ln strength
 MOST_APART = 24  # photographs up to which each lamp is fitted to normals without it
 UNEVEN = 0.03  # standard deviation of ln strength that is said
-EXPLAINED = 0.85  # misfit with strengths over that without, from which they are said to differ
-# A lamp is off that is so far from where it is stated, and whose photograph then fits so much better. Lamps that are
-# read from a chrome ball are uncertain by 1° to 3°.
-OFF_DEG, OWN_MISFIT = 4.0, 0.6
+# Misfit with strengths over that without, from which they are said to differ: where one lamp stands out by so many
+# robust deviations of the others, and where none does. Strengths of all lamps also explain a part of a gloss.
+EXPLAINED_BY_ONE, EXPLAINED_BY_ALL, STANDS_OUT = 0.85, 0.65, 4.0
+# A lamp is off that is so far from where it is stated, and whose photograph then fits so much better, also without the
+# squares that gain most: a few mixed ones would decide where two facets or a wall leave a direction open. Lamps that
+# are read from a chrome ball are uncertain by 1° to 3°.
+OFF_DEG, OWN_MISFIT, LEFT_OUT = 4.0, 0.7, 0.05
+CONTRADICTS = (
+    0.5  # misfit of a photograph from which it says anything: its residuals are as large as the model's errors
+)
 FEWEST_READINGS = 20  # of a photograph, by which its lamp is fitted
 MOST_OFF = 3  # lamps that are named
 
@@ -53,7 +60,11 @@ class FittedLamps(NamedTuple):
     @property
     def uneven(self) -> bool:
         """Whether strengths that differ explain the photographs better than those that were stated."""
-        return self.spread > UNEVEN and self.misfit[0] < EXPLAINED * self.misfit[1]
+        log_strength = np.log(self.strength)
+        off = log_strength - np.median(log_strength)
+        one = np.abs(off).max() > STANDS_OUT * robust_scale(off)
+        most = EXPLAINED_BY_ONE if one else EXPLAINED_BY_ALL
+        return self.spread > UNEVEN and self.misfit[0] < most * self.misfit[1]
 
 
 def fitted_lamps(shading: ShadingSample, powers: Sequence[float] = POWERS) -> FittedLamps:
@@ -155,15 +166,26 @@ def lamps_check(shading: ShadingSample, found: FittedLamps, to_world: Array) -> 
 
 
 def _worst(few: ShadingSample, direction: Array) -> tuple[int | None, ShadingSample]:
-    """The lamp that is off and whose photograph gains most by its own direction, or None; and with it moved."""
+    """The lamp that is off, and with whose own direction all photographs are explained best, or None; and with it
+    moved.
+    """
     residual, _ = few.fit()
-    best, least, kept = None, OWN_MISFIT, few
+    best, least, kept = None, np.inf, few
     for k in np.flatnonzero(_apart(direction, few.direction) > OFF_DEG).tolist():
         moved, own = few.turned(k, direction[k]), few.usable[k]
-        after = loss(moved.fit()[0][k], own) / max(loss(residual[k], own), 1e-9)
-        if after < least:
-            best, least, kept = k, after, moved
+        if loss(residual[k], own) > CONTRADICTS:
+            after, _ = moved.fit()
+            misfit = loss(after, few.usable)
+            if misfit < least and _left(residual[k][own], after[k][own]) < OWN_MISFIT:
+                best, least, kept = k, misfit, moved
     return best, kept
+
+
+def _left(before: Array, after: Array) -> float:
+    """Misfit after over that before, of residuals (P,), but for the share LEFT_OUT of them that gains most."""
+    was, now = ROBUST.value(before), ROBUST.value(after)
+    counted = np.argsort(now - was)[round(LEFT_OUT * len(was)) :]
+    return float(now[counted].sum() / max(was[counted].sum(), 1e-300))
 
 
 def _apart(one: Array, other: Array) -> Array:
