@@ -10,6 +10,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from markdown.extensions.toc import slugify
 
 import hagoromo
 from tests.app.in_browser import CHROMIUM, FLAGS, started
@@ -23,6 +24,9 @@ SOURCE = re.compile(r"([A-ZÁ-Ž][\w’'-]+)(?: (?:and|&) ([A-Z][\w-]+)| et al\.
 NO_SOURCES = {"CIE", "Schema", "Integument"}  # a standard, a dialect, a title's end
 GUIDES = [guide for guide in sorted((ROOT / "docs" / "howto").glob("*.md")) if guide.name != "index.md"]
 DRAWN = {"svg", "title", "defs", "marker", "path", "rect", "text", "g"}
+LINK = re.compile(r"(?<!!)\[[^\]]*\]\(([^)\s:]*)\)")  # to a page or a place of it, not to another site
+HEADING, PLACE = re.compile(r"^#+ +(.+?) *$", re.MULTILINE), re.compile(r"\{ ?#([\w.-]+)|id=\"([^\"]+)\"")
+MADE = {"reference", "examples"}  # folders of pages that the build of the site writes
 NAMES = [name for name in vars(hagoromo)["__all__"] if not name.startswith("__")]
 
 
@@ -103,6 +107,28 @@ def test_search_works_from_a_file(site):
         shown.locator("mark").first.wait_for()
         browser.close()
     assert said == [] and [address for address in asked if not address.startswith("file:")] == []
+
+
+def places(page: Path) -> set[str]:
+    """What a link to a page may lead to."""
+    text = page.read_text(encoding="utf-8")
+    headings = {slugify(re.sub(r"\]\([^)]*\)|[`*\[]", "", heading), "-") for heading in HEADING.findall(text)}
+    return headings | {name for found in PLACE.findall(text) for name in found if name}
+
+
+def test_links_lead_to_pages_and_places_that_are_there():
+    """The build of the site says so, too, at night."""
+    docs, dead, count = ROOT / "docs", [], 0
+    for page in [page for page in docs.rglob("*.md") if page.parent.name != "hooks"]:
+        for link in LINK.findall(re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)):
+            name, _, place = link.partition("#")
+            target = (page.parent / name).resolve() if name else page
+            count += 1
+            if target.is_file():
+                dead += [(page.name, link)] if place and target.suffix == ".md" and place not in places(target) else []
+            elif target.is_relative_to(docs) and target.relative_to(docs).parts[0] not in MADE:
+                dead.append((page.name, link))
+    assert count > 400 and dead == []
 
 
 def test_citations_of_the_model_lead_to_its_sections():
