@@ -204,7 +204,7 @@ def calibrate_response(
         warnings.warn(
             f"the known spectra explain the readings only to {100 * calibration.noise.max():.0f} %: check that the "
             "readings are linear in light and free of glare, that each spectrum belongs to its reading, and that a "
-            "column lamp tells which readings are of one lamp",
+            "column lamp says which readings are of one lamp",
             stacklevel=2,
         )
     for channel, residual, noise in zip(

@@ -126,7 +126,7 @@ def _python() -> Facts:
 
 
 def _container() -> str | None:
-    """The kind of container that this process runs in, as far as its files say it."""
+    """The kind of container that this process runs in, by its files."""
     for mark, kind in (("/.dockerenv", "Docker"), ("/run/.containerenv", "Podman"), ("/.singularity.d", "Apptainer")):
         if Path(mark).exists():
             return kind
@@ -136,7 +136,7 @@ def _container() -> str | None:
 def _processor() -> Facts:
     import psutil
 
-    process: Any = psutil.Process()  # macOS does not tell its processors
+    process: Any = psutil.Process()  # macOS does not list its processors
     usable = len(process.cpu_affinity() or ()) if hasattr(process, "cpu_affinity") else None
     share = _first_line(Path("/sys/fs/cgroup/cpu.max")).split()
     quota = float(share[0]) / float(share[1]) if len(share) == 2 and share[0] != "max" else None

@@ -120,7 +120,7 @@ DECODED: dict[str, Callable[[Path], Facts]] = {
 
 
 def decoded(name: str, holds: str, path: Path) -> Facts:
-    """What only the pixels or the voxels of a file tell; `InputError` for a format that has none.
+    """What only the pixels or the voxels of a file show; `InputError` for a format that has none.
 
     name, holds: of its format.
     """

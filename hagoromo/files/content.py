@@ -124,7 +124,7 @@ def _content(path: Path, quick: bool) -> str:
 
 
 def _of_link(link: Path, folder: Path) -> str:
-    """Of a link in a folder: its file's, or, where it leads outside, what can be told without opening that."""
+    """Of a link in a folder: its file's, or, where it leads outside, what is known without opening that."""
     try:
         return sha256_of_file(inside(folder, link.relative_to(folder).as_posix()))
     except InputError:

@@ -103,7 +103,7 @@ def _layers(arrays: Mapping[str, NDArray]) -> dict[str, dict[str, NDArray]]:
 
 
 def _is_whole(path: Path, parts: int, chunks: int, tiled: bool) -> bool:
-    """Whether an EXR that `write_exr` wrote has all its chunks: the library does not tell where the disk was full."""
+    """Whether an EXR that `write_exr` wrote has all its chunks: the library says nothing where the disk was full."""
     size = path.stat().st_size if path.exists() else 0
     with path.open("rb") as file:
         file.seek(len(MAGIC) + 4)
@@ -136,7 +136,7 @@ def exr_header(path: str | Path) -> Part:
     with existing_file(path).open("rb") as file:
         start = file.read(HEADER_BYTES)
     if len(start) == HEADER_BYTES and start.startswith(MAGIC):
-        with suppress(Exception):  # a header that is longer, or damaged: the whole file tells
+        with suppress(Exception):  # a header that is longer, or damaged: the whole file is read
             return _checked(read_layout(start), path).parts[0]
     return _layout(path)[1].parts[0]
 

@@ -64,7 +64,7 @@ def _type_at(record: type, data: Any, steps: Steps) -> inspect.Type:
         value = _value_at(data, steps[: i + 1])
         if isinstance(kind, inspect.StructType):
             fields = {field.encode_name: field.type for field in kind.fields}
-            if step not in fields:  # the key that tells which record of a union it is
+            if step not in fields:  # the key that says which record of a union it is
                 return inspect.LiteralType((kind.tag,))
             kind = fields[str(step)]
         elif isinstance(kind, inspect.UnionType):  # of records, by a key that none of them has

@@ -44,7 +44,7 @@ class VolumeFile:
     """stored: (nz, ny, nx) or (nz, ny, nx, components), of any type of numbers, also a view of the file, or `Later`.
 
     matrix: (4, 4), whole at the centres of voxels: index (x, y, z) → place in the file's world [m]; None where the file
-    does not tell. where: the file, for messages.
+    does not state it. where: the file, for messages.
     """
 
     stored: NDArray[Any] | Later
@@ -85,7 +85,7 @@ class VolumeFile:
 
     @property
     def edges(self) -> NDArray[np.float64] | None:
-        """Edges of a voxel along x, y, z [m]; None where the file does not tell."""
+        """Edges of a voxel along x, y, z [m]; None where the file does not state it."""
         return None if self.matrix is None else np.linalg.norm(self.matrix[:3, :3], axis=0)
 
     def upright(self) -> tuple[NDArray[Any], NDArray[np.float64] | None]:

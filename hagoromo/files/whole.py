@@ -192,7 +192,7 @@ def followed(path: str | Path) -> Path:
 
 
 def check_written(partial: Path, path: str | Path, whole: bool = True) -> None:
-    """Raise OSError unless something was written to `partial`: some libraries do not tell that they failed.
+    """Raise OSError unless something was written to `partial`: some libraries do not say that they failed.
 
     whole: what the writer found when it looked at the file.
     """

@@ -32,7 +32,7 @@ def name_of_denoiser() -> str:
 
 
 def denoised(layers: Mapping[str, NDArray] | None, values: NDArray) -> NDArray[np.float32]:
-    """Values (height, width, channels) of an image in linear light without their noise, as far as it can be guessed.
+    """Values (height, width, channels) of an image in linear light without most of their noise.
 
     layers: of the image, with its albedo and normal. `InputError` for none, and where Open Image Denoise is missing.
     The network sees the picture with its reflection around it, so that its edge is as smooth as its middle.

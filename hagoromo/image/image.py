@@ -236,7 +236,7 @@ class Image:
         return [target, picture]
 
     def _parts(self, response: Response | None, names: Sequence[str]) -> dict[str, NDArray]:
-        """Channels of the parts of the light, such as higher.R, as far as there are any; and of each of several groups
+        """Channels of the parts of the light, such as higher.R, if there are any; and of each of several groups
         of lamps, such as lamp0.R.
         """
         palette, channels = self.palette, {}

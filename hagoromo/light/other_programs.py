@@ -54,7 +54,7 @@ class UsdLight(NamedTuple):
 
 
 class InOtherPrograms(Protocol):
-    """A light that other programs are told of. None: the format has no such light."""
+    """A light as other programs have it. None: the format has no such light."""
 
     @property
     def name(self) -> str:

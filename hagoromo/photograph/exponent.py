@@ -102,7 +102,7 @@ class Exponent:
         low, high = self.interval
         figure = f"exponent {self.value:.2f}, {low:.2f} to {high:.2f} by the shading of the object"
         if not self.contradicted:
-            uncertain = "too uncertain to tell linear values from others"
+            uncertain = "too uncertain to part linear values from others"
             return f"{figure}: {'linear in light' if self.finding == 'linear' else uncertain}"
         curve = "display-encoded (sRGB) and were taken for linear" if self.value > 1.0 else (
             "linear and were decoded as sRGB, or decoded twice"

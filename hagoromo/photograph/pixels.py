@@ -32,7 +32,7 @@ from hagoromo.photograph.variance_model import VarianceModel
 READERS = {".png": read_png, ".jpg": read_jpeg, ".jpeg": read_jpeg, ".tif": read_tiff, ".tiff": read_tiff}
 SUFFIXES = (*READERS, ".exr", *RAW_SUFFIXES)
 VARIANCE, NATIVE, ALPHA = "variance.", "native.", "A"  # EXR channels beside those of the values
-VALID = "valid."  # EXR channels that tell where each colour is valid; A tells where all are
+VALID = "valid."  # EXR channels of where each colour is valid; A is where all are
 
 
 LARGEST_VALUE = 1e15  # whose square, over a full well, is a number in single precision

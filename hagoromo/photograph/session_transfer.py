@@ -28,7 +28,7 @@ from hagoromo.photograph.pixels import READERS, read_mask
 
 MOST_SAMPLES = 20_000  # pixels of each photograph in which the shading is looked at
 CANDIDATES = ("linear", "srgb")
-BRIGHT = 0.1  # of white: pixels that are darker under every lamp tell nothing
+BRIGHT = 0.1  # of white: pixels that are darker under every lamp do not count
 INSTEAD = "state it (--transfer), or give three exposures of one scene (--bracket)"
 
 
@@ -106,7 +106,7 @@ def _exponents(shaded: Shaded) -> list[Exponent | None]:
 
 
 def _on_object(shaded: Shaded, shape: tuple[int, int]) -> NDArray[np.bool_]:
-    """(height, width) where the object is, as far as that is known."""
+    """(height, width) where the object is known to be."""
     if shaded.auto:
         seen = Thumbnails()
         for path in shaded.paths:

@@ -31,7 +31,7 @@ from hagoromo.reflectance.torrance_sparrow import (
 Element = Literal["plane", "cylinder", "sphere"]
 ELEMENTS: tuple[Element, ...] = get_args(Element)
 NEGLIGIBLE_FACETS = 1e-4  # facet densities below this share of the peak are left out of the nodes
-NEGLIGIBLE_TAILS = 1e-3  # as far as integrands over τ are kept: their tails hold little where they fall fast
+NEGLIGIBLE_TAILS = 1e-3  # of the largest, down to which integrands over τ are kept: tails that fall fast hold little
 CYLINDER_NODES = 10
 TAILED_NODES = 16  # across a cylinder whose facets have tails
 SPHERE_NODES = 12, 12  # about Q and along φ

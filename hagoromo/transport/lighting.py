@@ -97,7 +97,7 @@ class HigherOrders(Protocol):
         ...
 
     def taken(self, gain: Float, smooth: Sequence[Float]) -> None:
-        """Told by the march of which share of that radiance reaches the eye."""
+        """The march says here which share of that radiance reaches the eye."""
         ...
 
 

@@ -202,7 +202,7 @@ def in_order(
 ) -> tuple[LitSample, LitSample, list[Float]]:
     """The sample whose light is complete, the one that waits for the next sample, and the rates behind the former.
 
-    A new sample in a cell without matter, which only a medium for derivatives has, tells nothing of the light around it
+    A new sample in a cell without matter, which only a medium for derivatives has, says nothing of the light around it
     and is complete at once.
     """
     if not medium.differentiable:

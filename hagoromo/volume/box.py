@@ -209,7 +209,7 @@ class VolumeBox(BoxHeader, _Bricks):
         return self._corners(np.zeros(3), self.size)
 
     def matter_corners(self) -> np.ndarray:
-        """The eight corners, in the world [m], of the part that `matter_bounds` tells: (8, 3)."""
+        """The eight corners, in the world [m], of the part that `matter_bounds` gives: (8, 3)."""
         return self._corners(*((bound + 0.5) * self.voxel_size for bound in self.matter_bounds))
 
     @property

@@ -36,7 +36,7 @@ from hagoromo.files.stores import address, forget_fetched, keep_fetched
 from hagoromo.progress import Progress, silent
 from hagoromo.version import __version__
 
-SIGNALS = 128  # an exit status above tells of a signal that ended the command
+SIGNALS = 128  # an exit status above is that of a signal that ended the command
 FOLDER = ".batch"
 CONTENTS = "contents.json"  # digests of inputs that were read, with size and time of change
 LEFT = (".lock", ".writing")  # ends of hidden names beside a file that was being written

@@ -31,7 +31,10 @@ class StepRecord(Record, frozen=True, kw_only=True):
     each: Annotated[
         Patterns, about("what this step is repeated for, in place of the batch's; steps that use its result follow")
     ] = None
-    out: Annotated[str, about("where the result goes, inside the folder of the batch; {name} tells matches apart")]
+    out: Annotated[
+        str,
+        about("where the result goes, inside the folder of the batch; {name} makes those of several matches differ"),
+    ]
 
 
 class BatchRecord(Record, frozen=True, kw_only=True):

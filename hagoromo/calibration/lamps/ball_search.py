@@ -25,7 +25,7 @@ from hagoromo.errors import InputError
 from hagoromo.progress import Progress, silent
 
 SIDES = (640, 1600)  # [px] of the longer side of the pictures in which circles are sought, and then refined
-FEWEST_LAMPS = 4  # fewer lamps cannot tell a lamp's image from another bright spot
+FEWEST_LAMPS = 4  # with fewer, another bright spot may be taken for a lamp's image
 LEAST_RADIUS, LARGEST_RADIUS = 9.0, 0.5  # [px] of the smaller pictures; of their shorter side
 CIRCLES = 12  # proposals taken from each picture, the strongest first
 COARSE, CANNY, VOTES = 1.5, 60.0, 14.0  # of OpenCV's transform: size of a cell [px], gradient of an edge, votes

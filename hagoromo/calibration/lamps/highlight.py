@@ -97,7 +97,7 @@ def find_highlight(
     """The lamp's mirror image on the ball.
 
     photograph: (height, width[, channels]) integers, or light as floats, NaN where it is clipped or unknown. known:
-    what the other photographs tell. shading: of the ball in this one, if it is no mirror. `InputError` where nothing
+    what the other photographs show. shading: of the ball in this one, if it is no mirror. `InputError` where nothing
     stands out of the ball's light, or what does is too wide.
     """
     seen = lamp_speck(photograph, ball, known, shading)

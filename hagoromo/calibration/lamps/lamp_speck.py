@@ -42,7 +42,7 @@ LEFT = 0.25  # of the peak: what is left beside what stands still, at least, or 
 
 @dataclass(frozen=True, eq=False)
 class Surroundings:
-    """What all photographs of a ball tell before one of them is read.
+    """What all photographs of a ball show before one of them is read.
 
     still: (h, w) light [white] that stands out in every one, in the box whose corner is (row, column); None for few
     photographs. shadings: by name, of a ball that is no mirror.

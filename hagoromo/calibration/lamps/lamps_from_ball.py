@@ -1,6 +1,6 @@
 """Lamps from a chrome ball: photographs with one lamp each, and a mask of the ball → directions to the lamps.
 
-Survey: what all photographs of a ball tell before one is read: what stands still, and whether it is a mirror.
+Survey: what all photographs of a ball show before one is read: what stands still, and whether it is a mirror.
 
 A mirrored room can look like a body's shading, but it does not turn with the lamps, and the brightest spot is not where
 a body of that shading has its highlight.
@@ -34,7 +34,7 @@ from hagoromo.errors import InputError
 from hagoromo.progress import Progress, silent
 
 SHADED_EDGE = 0.4  # [px] by which the edge of a ball that is no mirror is found too far in, as it darkens there
-FEWEST_STILL = 3  # photographs that tell what does not move
+FEWEST_STILL = 3  # photographs that show what does not move
 TURNS = 10.0  # [°] from its mean: a shading that turns by more is that of a body
 GLOSSY, AGREEING = 0.4, 0.6  # share of the photographs that show a body's shading; of these, whose highlight agrees
 
@@ -137,7 +137,7 @@ class Survey:
         self.agreeing.append(bool(towards @ shading.to_lamp > np.cos(np.radians(NEARBY))))
 
     def surroundings(self) -> Surroundings:
-        """What the photographs told: of a mirror what stands still, of another ball its shading."""
+        """What the photographs show: of a mirror what stands still, of another ball its shading."""
         bodies = sum(one.is_body for one in self.shadings.values())
         if bodies >= GLOSSY * max(self.count, 1) and (self._follows() or np.mean(self.agreeing or [0.0]) >= AGREEING):
             return Surroundings(shadings=self.shadings)

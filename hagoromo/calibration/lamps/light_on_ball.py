@@ -41,7 +41,7 @@ NEARBY, AROUND = 12.0, 25.0  # [°] from the shading's direction: the middle of 
 class LightOnBall(NamedTuple):
     """light: (h, w) of the box around the ball, over white, 0 beside it; on: (h, w) the ball; corner: (row, column).
 
-    least: [white] what can be told from nothing in stored numbers; 0 where white is unknown.
+    least: [white] what differs from nothing in stored numbers; 0 where white is unknown.
     """
 
     light: Light

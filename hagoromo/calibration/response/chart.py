@@ -27,7 +27,7 @@ ENOUGH_DETECTIONS = 3  # copies with a chart, after which no more are searched: 
 WHITE_PERCENTILE = 99.5  # percentile of the photograph's values that is white in the copies
 CHART_CORRELATION = 0.9  # least correlation of the patches' brightness with that of the known chart
 FEWEST_PATCH_PIXELS = 25  # least number of pixels of a patch
-LEAST_CHANNEL = 0.05  # light of a channel relative to the brightest, from which it tells patches apart
+LEAST_CHANNEL = 0.05  # light of a channel relative to the brightest, from which patches differ in it
 USABLE_PATCH_SHARE = 0.98  # least share of valid, unclipped pixels of a patch; clipping biases the mean
 Array = NDArray[np.float64]
 

@@ -3,7 +3,7 @@
 A black level that was left in all channels: how likely the readings make it, and intervals of the curves with it.
 
 Lights that all have one mean say little of it: the same added to all readings is a curve that is a little larger
-everywhere. One channel alone does not tell it then; together they tell more, as a camera has one black level. Where it
+everywhere. One channel alone does not fix it then; together they show more, as a camera has one black level. Where it
 is not certain, the curves stay as they are, and their intervals are those of both possibilities: without it, and with
 it, each as likely as the readings make it (averaging of models, Hoeting et al. 1999).
 """
@@ -147,7 +147,7 @@ class BlackLevel(NamedTuple):
 
 
 def black_level(curves: Sequence[PositiveCurve], means: Array) -> BlackLevel | None:
-    """The black level of channels with these mean readings (C,); None where none of them tells one.
+    """The black level of channels with these mean readings (C,); None where none of them shows one.
 
     Even odds before the readings; a level that is there is normal, of the standard deviation of `TRANSFER_PRIOR`.
     """

@@ -4,7 +4,7 @@ R = s κ log(1 + exp(z/κ)) with a Gaussian process z(λ), so R is positive, and
 expected of z is a prior (`curve_prior`): smooth and no more, or like the curves of published cameras. Its parameters,
 the noise and what groups of readings share maximise the marginal likelihood (`curve_evidence`).
 
-Errors that similar spectra share, where nobody tells which do: seen by prediction of whole clusters of spectra.
+Errors that similar spectra share, where nobody states which do: seen by prediction of whole clusters of spectra.
 
 With such errors, those of a lamp's spectrum for example, the evidence takes them for the camera, and the curve follows
 them. The curve from some spectra then predicts others badly, and one with more noise than by evidence predicts better.

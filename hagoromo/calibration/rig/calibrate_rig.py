@@ -36,7 +36,7 @@ from hagoromo.progress import Progress, part_of, silent
 SCATTER_ROUNDS = 10  # of estimating how far captures differ; it has settled to a part in a thousand then
 BLOCKS, PARTS = 32, 4  # the picture's width in blocks, whose means are fitted, and in parts, taken as independent
 FEWEST_BLOCKS = 12
-LEAST_INCIDENCE = 0.1  # cosine: a lamp that grazes the card does not tell its strength
+LEAST_INCIDENCE = 0.1  # cosine: the strength of a lamp that grazes the card is uncertain
 NORMAL_ERROR = np.radians(1.0)  # of the stated normal of the card
 
 

@@ -39,7 +39,7 @@ BLOCK_NUMBERS = 14
 NODES = 24  # Gauss–Legendre nodes of cosines on either side, and twice as many turns over half a circle
 SPHERE_NODES, SPHERE_ENTRIES = 64, 256
 LEAST_LOBE = 0.2  # [rad] as LEAST_GAMMA, of lobes of transmitted light
-LEAST_GAMMA = 0.2  # [rad] narrower facets are widened, and keep their albedo: smooth light does not tell them apart
+LEAST_GAMMA = 0.2  # [rad] narrower facets are widened, and keep their albedo: smooth light shows no difference
 
 
 class ScatteringTables:

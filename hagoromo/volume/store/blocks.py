@@ -27,7 +27,7 @@ def low_part(offset: tuple[int, ...]) -> tuple[slice, ...]:
 
 
 def matter_flags(matter: NDArray[np.bool_]) -> NDArray[np.uint8]:
-    """Per brick of a block, or of any whole number of bricks: bit k tells of matter in its `low_part(OFFSETS[k])`."""
+    """Per brick of a block, or of any whole number of bricks: bit k is set where `low_part(OFFSETS[k])` has matter."""
     z, y, x = (n // BRICK for n in matter.shape)
     bricks = matter.reshape(z, BRICK, y, BRICK, x, BRICK).transpose(0, 2, 4, 1, 3, 5)
     flags = np.zeros((z, y, x), np.uint8)
