@@ -37,6 +37,7 @@ CONFOUNDED = (
     "the surface is so flat that lamps of uneven strength and values that are not linear look alike: state the "
     "strengths, or measure a rig on other objects (hagoromo calibrate rig) and give --rig"
 )
+NEEDED = 0.5  # misfit of a curve over that of linear values with strengths, from which that curve is said without them
 MOST_MISFIT = 4.5  # that strengths leave; six real objects have up to 2.5, right captures of glossy cubes up to 4.4
 UNEXPLAINED = "gloss and shadows are so strong that Lambert's law explains the photographs too little"
 FLAT_LAMPS = "the surface is so flat that its shading says little of where a lamp is"
@@ -111,7 +112,7 @@ def _lit(shading: ShadingSample, capture: Capture) -> JudgedLamps:
 
     Linear values under lamps as they are stated need no other explanation, nor do linear values of a glossy surface.
     On a flat surface each transfer has strengths that explain it. A curve, with the strengths that go with it, has to
-    explain the photographs better than linear values with theirs, and it is said only where those do not do without it.
+    explain the photographs better than linear values with theirs, and clearly so without them.
     """
     linear, stated = fitted_lamps(shading, (1.0,)), linearity_of(capture)
     if not linear.uneven and stated is not None and stated.finding == "linear":
@@ -131,9 +132,11 @@ def _lit(shading: ShadingSample, capture: Capture) -> JudgedLamps:
         return JudgedLamps(matte, fitted_lamps(matte, (1.0,)), exponent_of(matte.lit, matte.to_lamp, matte.to_eye))
     if linear.uneven and flat:
         return JudgedLamps(shading, linear, None, CONFOUNDED)
-    if linear.uneven or stated is None or stated.contradicted:
-        return JudgedLamps(shading, linear, linearity_of(with_strengths(capture, linear)))
-    return JudgedLamps(shading, linear, stated)
+    if not linear.uneven and (stated is None or not stated.contradicted):
+        return JudgedLamps(shading, linear, stated)
+    plain = linearity_of(with_strengths(capture, linear))
+    needed = stated is not None and plain is not None and stated.misfit < NEEDED * plain.linear_misfit
+    return JudgedLamps(shading, linear, stated if needed and not linear.uneven else plain)
 
 
 def _of_lamps(shading: ShadingSample, capture: Capture, lamps: FittedLamps | None, why: str) -> dict[Name, Check]:
