@@ -34,6 +34,7 @@ OFF_DEG, OWN_MISFIT, LEFT_OUT = 4.0, 0.7, 0.05
 CONTRADICTS = (
     0.5  # misfit of a photograph from which it says anything: its residuals are as large as the model's errors
 )
+PARTS, SURE = 8, 4.5  # parts of the object that are left out in turn, and errors so found of a lamp that is off
 FEWEST_READINGS = 20  # of a photograph, by which its lamp is fitted
 MOST_OFF = 3  # lamps that are named
 
@@ -176,9 +177,22 @@ def _worst(few: ShadingSample, direction: Array) -> tuple[int | None, ShadingSam
         if loss(residual[k], own) > CONTRADICTS:
             after, _ = moved.fit()
             misfit = loss(after, few.usable)
-            if misfit < least and _left(residual[k][own], after[k][own]) < OWN_MISFIT:
+            evident = _left(residual[k][own], after[k][own]) < OWN_MISFIT
+            if misfit < least and evident and _certain(few, k):
                 best, least, kept = k, misfit, moved
     return best, kept
+
+
+def _certain(few: ShadingSample, number: int) -> bool:
+    """Whether a lamp is off by far more than its direction changes as parts of the object are left out (jackknife)."""
+    others, part = few.usable.copy(), PARTS * np.arange(few.values.shape[1]) // few.values.shape[1]
+    others[number] = False
+    _, g = replace(few, usable=others).fit()
+    lamps = [_lamp(few, number, g)]
+    lamps += [_lamp(few.part(part != left_out), number, g[part != left_out]) for left_out in range(PARTS)]
+    whole, *parts = np.array(lamps) / np.linalg.norm(lamps, axis=1, keepdims=True) - few.direction[number]
+    along = parts @ whole / np.linalg.norm(whole)
+    return bool(np.linalg.norm(whole) > SURE * np.sqrt((PARTS - 1) * np.var(along)))
 
 
 def _left(before: Array, after: Array) -> float:

@@ -48,8 +48,10 @@ class ShadingSample:
 
     def few(self) -> ShadingSample:
         """Fewer squares, for a fit that is done many times."""
-        step = max(-(-self.values.size // MOST_FITTED), 1)
-        part = np.s_[::step]
+        return self.part(np.s_[:: max(-(-self.values.size // MOST_FITTED), 1)])
+
+    def part(self, part: slice | NDArray[np.bool_]) -> ShadingSample:
+        """Some of the squares."""
         return replace(
             self, values=self.values[:, part], usable=self.usable[:, part], to_lamp=self.to_lamp[:, part],
             light=self.light[:, part], row=self.row[part], column=self.column[part], outline=self.outline[part],
