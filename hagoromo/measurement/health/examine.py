@@ -92,6 +92,8 @@ def examine(capture: Capture, still: Stillness | None = None) -> Examined:
         ordered = found["order"].state != "doubtful"
         shading, lamps, exponent, why = _lit(shading, capture) if ordered else JudgedLamps(shading, None, None, FIRST)
         found |= _of_lamps(shading, capture, lamps, why)
+        if exponent is not None and exponent.contradicted and exponent.misfit > MOST_MISFIT:
+            exponent, why = None, UNEXPLAINED
     found["transfer"] = _transfer(capture, exponent, why)
     return Examined(Health(checks=tuple(found[name] for name in NAMES)), exponent, lamps)
 

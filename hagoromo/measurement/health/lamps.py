@@ -64,8 +64,8 @@ class FittedLamps(NamedTuple):
         log_strength = np.log(self.strength)
         off = log_strength - np.median(log_strength)
         one = np.abs(off).max() > STANDS_OUT * robust_scale(off)
-        most = EXPLAINED_BY_ONE if one else EXPLAINED_BY_ALL
-        return self.spread > UNEVEN and self.misfit[0] < most * self.misfit[1]
+        explained = self.misfit[0] < (EXPLAINED_BY_ONE if one else EXPLAINED_BY_ALL) * self.misfit[1]
+        return self.spread > UNEVEN and explained and self.misfit[1] > CONTRADICTS
 
 
 def fitted_lamps(shading: ShadingSample, powers: Sequence[float] = POWERS) -> FittedLamps:
