@@ -31,9 +31,7 @@ EXPLAINED_BY_ONE, EXPLAINED_BY_ALL, STANDS_OUT = 0.85, 0.65, 4.0
 # squares that gain most: a few mixed ones would decide where two facets or a wall leave a direction open. Lamps that
 # are read from a chrome ball are uncertain by 1° to 3°.
 OFF_DEG, OWN_MISFIT, LEFT_OUT = 4.0, 0.7, 0.05
-CONTRADICTS = (
-    0.5  # misfit of a photograph from which it says anything: its residuals are as large as the model's errors
-)
+CONTRADICTS = 0.5  # misfit from which photographs say anything: residuals are as large as the model's errors
 PARTS, SURE = 8, 4.5  # parts of the object that are left out in turn, and errors so found of a lamp that is off
 FEWEST_READINGS = 20  # of a photograph, by which its lamp is fitted
 MOST_OFF = 3  # lamps that are named
@@ -190,7 +188,8 @@ def _certain(few: ShadingSample, number: int) -> bool:
     _, g = replace(few, usable=others).fit()
     lamps = [_lamp(few, number, g)]
     lamps += [_lamp(few.part(part != left_out), number, g[part != left_out]) for left_out in range(PARTS)]
-    whole, *parts = np.array(lamps) / np.linalg.norm(lamps, axis=1, keepdims=True) - few.direction[number]
+    length = np.maximum(np.linalg.norm(lamps, axis=1, keepdims=True), 1e-300)
+    whole, *parts = np.array(lamps) / length - few.direction[number]
     along = parts @ whole / np.linalg.norm(whole)
     return bool(np.linalg.norm(whole) > SURE * np.sqrt((PARTS - 1) * np.var(along)))
 
