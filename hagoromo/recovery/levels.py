@@ -14,6 +14,7 @@ from hagoromo.progress import Progress, part_of
 from hagoromo.recovery.descent import Descent
 from hagoromo.recovery.hollows import WALLS, FoundHollow, explained_badly, hollowed, left_over
 from hagoromo.recovery.lamp_table import LampTable
+from hagoromo.recovery.lattice import Lattice
 from hagoromo.recovery.look import FoundLook, Look
 from hagoromo.recovery.matter_shape import MatterShape
 from hagoromo.recovery.object_view import ObjectView
@@ -25,7 +26,10 @@ from hagoromo.recovery.work import Checkpoint
 COARSEST, LEAST = 32, 16  # nodes along the longest edge of the first level; and where it is the first of two
 FOOTPRINT = 2.5  # pixels of a voxel's edge, at least, that pixels are not joined for
 MODEL_ERROR, LAST_MODEL_ERROR = 0.02, 0.01  # relative error of the model, of coarse levels and of the last one
-SOFTNESS, LAST_SOFTNESS = (1.0, 0.15), (0.6, 0.1)  # s at begin and end of a level, and of the last one [voxel]
+SOFT, SHARP, LAST_SOFT, LAST_SHARP = 1.0, 0.15, 0.6, 0.1  # s at begin and end of a level, and of the last one [voxel]
+# s at the end of the last level, where pixels are large [px]: the mean of a square pixel blurs an edge by 0.29 px, the
+# logistic function of width s by 1.8 s, and d rises by about 1.5 a voxel
+PIXEL_EDGE, SOFTEST = 0.24, 0.33  # and s at most [voxel]
 BYTES_PER_PIXEL = 120.0  # of all arrays together
 RAYS_SIDE = 64  # nodes along the longest edge of the lattice up to which the rays of a step are as stated
 TRIAL, LESS = 0.3, 0.95  # of the steps, in which a hollow is tried; of what is left over, that it must be below
@@ -78,7 +82,7 @@ class Levels:
     @property
     def softness(self) -> float:
         """s by now [voxel]."""
-        return LAST_SOFTNESS[1] if self.descent is None else self.descent.rendering.softness
+        return self._softness(True)[1] if self.descent is None else self.descent.rendering.softness
 
     def checkpoint(self, level: int, step: int = 0) -> Checkpoint:
         """Where the work stands, before a step of a level."""
@@ -118,7 +122,7 @@ class Levels:
             self.begin, self.descent = begin, self._descent(begin, last)
             if since is not None and first:
                 self.descent.random.bit_generator.state = json.loads(since.random)
-            softness, rate = LAST_SOFTNESS if last else SOFTNESS, self.descent.moves.rates[min(number, 1)]
+            softness, rate = self._softness(last), self.descent.moves.rates[min(number, 1)]
 
             def kept(step: int, number: int = number) -> None:
                 keep(self.checkpoint(number, step))
@@ -130,7 +134,7 @@ class Levels:
         """Go on with the last level, without gloss, for some further steps: body colours take what the gloss had."""
         assert self.descent is not None
         self.descent.shading.set_gloss(matt(self.descent.gloss))
-        softness = LAST_SOFTNESS[1], LAST_SOFTNESS[1]
+        softness = self.softness, self.softness
         rate = FURTHER_RATE * self.descent.moves.rates[1]
         self.descent.run(steps, self.chunks_of(self.sides[-1]), softness, rate, progress)
 
@@ -151,7 +155,7 @@ class Levels:
             self.look = look.of_views(self.views)
             descent, chunks = self._descent(shape, True), self.chunks_of(self.sides[-1])
             own = part_of(progress, number * share, share)
-            descent.run(max(round(TRIAL * steps), 1), chunks, SOFTNESS, descent.moves.rates[1], own)
+            descent.run(max(round(TRIAL * steps), 1), chunks, (SOFT, SHARP), descent.moves.rates[1], own)
             tried.append((left_over(descent), shape.after(descent.field, descent.gloss), FoundLook.of(self.look)))
         best = min(range(len(tried)), key=lambda k: tried[k][0])
         if best and tried[best][0] <= LESS * tried[0][0]:
@@ -166,24 +170,41 @@ class Levels:
         if not any(view.photograph.lamps for view in self.views):
             return {}
         seen = self._descent(begin, True)
-        seen.rendering.softness = SOFTNESS[1]
+        seen.rendering.softness = SHARP
         seen.find_between()
         bad = explained_badly(seen)
         made = {wall: hollowed(begin, bad, wall) for wall in WALLS}
         return {wall: shape for wall, shape in made.items() if shape is not None}
 
+    def _footprint(self, lattice: Lattice) -> float:
+        """Pixels of a voxel's edge where a photograph shows it largest."""
+        photographs = [view.photograph for view in self.views]
+        nearest = min(float(np.linalg.norm(p.camera.position - lattice.middle)) for p in photographs)
+        return lattice.voxel * max(min(p.camera.focal) for p in photographs) / nearest
+
+    def _joined(self, lattice: Lattice) -> int:
+        """Pixels that are joined to one, along each edge."""
+        return max(1, int(self._footprint(lattice) / FOOTPRINT))
+
+    def _softness(self, last: bool) -> tuple[float, float]:
+        """s at begin and end of a level [voxel]."""
+        if not last:
+            return SOFT, SHARP
+        lattice = self.begin.lattice
+        pixel = self._joined(lattice) / self._footprint(lattice)  # [voxel]
+        return LAST_SOFT, float(np.clip(PIXEL_EDGE * pixel, LAST_SHARP, SOFTEST))
+
     def _descent(self, begin: MatterShape, last: bool) -> Descent:
         """The descent of a level."""
         photographs, lattice = [view.photograph for view in self.views], begin.lattice
-        nearest = min(float(np.linalg.norm(p.camera.position - lattice.middle)) for p in photographs)
-        foot = lattice.voxel * max(min(p.camera.focal) for p in photographs) / nearest
-        reduced = [view.reduced(max(1, int(foot / FOOTPRINT))) for view in self.views]
+        joined = self._joined(lattice)
+        reduced = [view.reduced(joined) for view in self.views]
         require(BYTES_PER_PIXEL * sum(float(v.share.size) for v in reduced), "the pixels of all photographs")
         bright = [
             np.percentile(v.photograph.values[v.photograph.mask], 99.0) for v in reduced if v.photograph.mask.any()
         ]
         error = LAST_MODEL_ERROR if last else MODEL_ERROR
-        soft = SOFTNESS[1] if isinstance(begin, SurfaceShape) and not last else None  # of the last, less than a pixel
+        soft = SHARP if isinstance(begin, SurfaceShape) and not last else None  # of the last, less than a pixel
         pixels = PixelTable(reduced, lattice, error, float(np.median(bright)), soft)
         field, seed = begin.field(), self.seed + max(lattice.shape)
         lamps = LampTable(photographs, lattice)
