@@ -69,7 +69,7 @@ class Errors:
 
     def counted_back(self, unit: float) -> Errors:
         """With those of body colours that were counted in a unit."""
-        return self if unit == 1.0 else replace(self, colour=(self.colour * unit).astype(np.float32))
+        return replace(self, colour=(self.colour * unit).astype(np.float32))
 
 
 def errors_of(

@@ -268,7 +268,7 @@ def _recovered(
             work.keep(known=known, checkpoints={WHOLE: levels.end})
         if both:
             of_halves = run.part(WHOLE_SHARE, 1.0 - WHOLE_SHARE, "errors")
-            halves = _halves(levels, settings, matter, of_halves)
+            halves = _halves(levels, unit, settings, matter, of_halves)
             before = levels.before.surface() if len(levels.sides) > 1 else None
             errors = errors_of(
                 levels.shape.surface(), [half.surface() for half in halves], before, matter.law == "fuzzy"
@@ -312,10 +312,11 @@ def _levels(
     rays: int,
     workers: Workers,
     no_gloss: bool = False,
+    unit: float | None = None,
 ) -> tuple[Levels, float]:
     """The levels of some views, from their hull, and the unit in which they count body colours.
 
-    no_gloss: whether the object is known to be matt.
+    no_gloss: whether the object is known to be matt. unit: in which views are counted already, if they are.
     """
     seen = _changed(views, look)
     outlines, stated = outlines_of(seen), views[0].stated
@@ -333,10 +334,10 @@ def _levels(
     if isinstance(start, SurfaceShape) and matter.gloss == "places":
         start = start.with_two_glosses()
     start = replace(start, gloss=matt(start.gloss)) if no_gloss else start
-    unit = colour_unit(seen, lattice.middle)
-    counted = [counted_in(view, unit) for view in views]
-    albedo = unit if matter.orders == "all" and matter.law == "surface" else None
-    return Levels(counted, start, sides, rays, settings.seed, settings.shadows, look, workers, albedo), unit
+    own = colour_unit(seen, lattice.middle) if unit is None else unit
+    counted = views if unit is not None else [counted_in(view, own) for view in views]
+    albedo = own if matter.orders == "all" and matter.law == "surface" else None
+    return Levels(counted, start, sides, rays, settings.seed, settings.shadows, look, workers, albedo), own
 
 
 def _check_room(matter: FoundMatter, side: int, lattice: Lattice) -> None:
@@ -352,18 +353,20 @@ def _check_room(matter: FoundMatter, side: int, lattice: Lattice) -> None:
         )
 
 
-def _halves(whole: Levels, settings: RecoverySettings, matter: FoundMatter, run: RecoveryRun) -> list[MatterShape]:
-    """What each half of the photographs gives, from which the errors of what all gave follow."""
+def _halves(
+    whole: Levels, unit: float, settings: RecoverySettings, matter: FoundMatter, run: RecoveryRun
+) -> list[MatterShape]:
+    """What each half of the photographs gives, from which the errors of what all gave follow. unit: of body colours."""
     halves, work = [], run.work
     for number, (name, views) in enumerate(zip(HALVES, halves_of(whole.views), strict=True)):
         keep = work.keeps(name)
         look = FoundLook.of(whole.look).of_views(views)
         no_gloss = is_matt(whole.shape.gloss)
-        half, unit = _levels(views, settings, matter, look, settings.rays // 2, run.workers, no_gloss)
+        half, _ = _levels(views, settings, matter, look, settings.rays // 2, run.workers, no_gloss, unit)
         own = run.part(0.5 * number, 0.5)
         half.run(settings.steps, own.progress, keep, work.found.checkpoints.get(name))
         keep(half.end)
-        halves.append(counted_back(half.shape, unit))
+        halves.append(half.shape)
     return halves
 
 

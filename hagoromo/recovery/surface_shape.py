@@ -15,7 +15,7 @@ from hagoromo.recovery.lattice import Lattice
 from hagoromo.recovery.matter_field import COLOURS, MatterField
 from hagoromo.recovery.shading import GLOSS, START, TWO_GLOSSES, coordinates, order_of, two_glosses
 
-GREY = 0.4  # body colour of a hull
+GREY = 0.3  # body colour of a hull: that of `colour_unit.USUAL`; from a brighter one steps end worse
 SPLINE = 2  # degree of the spline that distances are
 
 
