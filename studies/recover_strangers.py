@@ -24,7 +24,16 @@ import hagoromo as hg
 from hagoromo.backend import vectors
 from studies.path_scenes import path_simulated, shape_mesh
 from studies.recover_scenes import Simulated, TrueObject, shots, simulated
-from studies.recovery_scores import covered, gloss_held, held_words, psnr, said_words, shape_errors, stated
+from studies.recovery_scores import (
+    covered,
+    gloss_held,
+    held_words,
+    psnr,
+    said_words,
+    seen_angles,
+    shape_errors,
+    stated,
+)
 from studies.strange_captures import (
     Bowl,
     Cube,
@@ -71,11 +80,11 @@ class Stranger:
 
 @dataclass(frozen=True)
 class StrangerRow:
-    """new, side: PSNR of new views under lamps like those, and from the side [dB]. normals: mean error [°]. surface:
-    mean distance of true points from it, % of the lattice's edge. held: share [%] of true points of which 95 %
-    intervals of position, normal and body colour hold the truth, of those that have intervals; stated: share that has
-    them. beta: found; gloss_held: whether its interval and that of γ hold the truth. said: remarks and warnings, or the
-    line with which the capture was refused.
+    """new, side: PSNR of new views under lamps like those, and from the side [dB]. normals: mean error at true points;
+    seen: of those that cameras see [°], see `seen_angles`. surface: mean distance of true points from it, % of the
+    lattice's edge. held: share [%] of true points of which 95 % intervals of position, normal and body colour hold the
+    truth, of those that have intervals; stated: share that has them. beta: found; gloss_held: whether its interval and
+    that of γ hold the truth. said: remarks and warnings, or the line with which the capture was refused.
     """
 
     name: str
@@ -83,6 +92,7 @@ class StrangerRow:
     new: float | None = None
     side: float | None = None
     normals: float | None = None
+    seen: float | None = None
     surface: float | None = None
     held: tuple[float, float, float] | None = None
     stated: float = 0.0
@@ -193,6 +203,7 @@ def measured(name: str, given: Stranger) -> StrangerRow:
     held = gloss_held(found, factor * truth.beta, truth.gamma)
     return StrangerRow(
         name, given.words, psnr(found, kept[0]), psnr(found, kept[1]), float(shown.angles.mean()),
+        float(seen_angles(found, kept[0]).mean()),
         100.0 * float(shown.distances.mean()) / (max(found.lattice.shape) * found.lattice.voxel),
         covered(found, shown, colours), stated(found, shown.points), found.beta, held,
         (*(str(each.message) for each in warned), *record["remarks"]), seconds,
@@ -202,18 +213,18 @@ def measured(name: str, given: Stranger) -> StrangerRow:
 def table(rows: Sequence[StrangerRow]) -> str:
     """The rows as Markdown."""
     lines = [
-        "| capture | new lamps like those, from the side | normals | surface, of the edge "
+        "| capture | new lamps like those, from the side | normals at true points, as seen | surface, of the edge "
         "| 95 % intervals hold position, normal, colour | β, γ held | CPU s | what is said |",
         "|---|---|---|---|---|---|---|---|",
     ]
     for row in rows:
         said = said_words(row.said)
-        if row.new is None or row.side is None or row.normals is None or row.surface is None:
+        if row.new is None or row.side is None or row.normals is None or row.seen is None or row.surface is None:
             lines.append(f"| {row.words} | | | | | | | {said} |")
             continue
         held = held_words(row.held, row.stated)
         gloss = {True: "yes", False: "no", None: ""}[row.gloss_held]
-        scores = f"{row.new:.1f}, {row.side:.1f} dB | {row.normals:.2f}° | {row.surface:.2f} %"
+        scores = f"{row.new:.1f}, {row.side:.1f} dB | {row.normals:.2f}, {row.seen:.2f}° | {row.surface:.2f} %"
         lines.append(f"| {row.words} | {scores} | {held} | {gloss} | {row.seconds:.0f} | {said} |")
     return "\n".join(lines) + "\n"
 

@@ -78,6 +78,20 @@ def shape_errors(found: hg.Recovered, aside: Simulated) -> SurfaceErrors:
     return surface_errors(found, points, normals)
 
 
+def seen_angles(found: hg.Recovered, aside: Simulated) -> Array:
+    """Angles (n,) [°] between the normals that the cameras of pictures see, and the true ones.
+
+    Normals of `surface_errors` are those at true points: where a wall is found much too thick, one of its true faces
+    lies beyond the middle of the matter, and the normal there is that of the other face.
+    """
+    angles = []
+    for p, normals in zip(aside.capture.photographs, aside.normals, strict=True):
+        own, opacity = found.normals(p)
+        there = np.isfinite(normals[..., 0]) & (opacity > 0.5)
+        angles.append(np.degrees(np.arccos(np.clip((own * normals)[there].sum(axis=1), -1.0, 1.0))))
+    return np.concatenate(angles)
+
+
 def surface_errors(found: hg.Recovered, points: Array, normals: Array) -> SurfaceErrors:
     """The errors of the surface, of fuzzy matter that which stands for it, at true points with true normals."""
     field, at = DistanceField(found.distance, found.colours), places(found, points)

@@ -12,7 +12,9 @@ from hagoromo.recovery.distance_field import DistanceField
 from hagoromo.recovery.errors import errors_of
 from hagoromo.recovery.evidence import Evidence
 from hagoromo.recovery.lattice import Lattice
+from hagoromo.recovery.levels import Levels
 from hagoromo.recovery.light_between import share_between
+from hagoromo.recovery.look import FoundLook
 from hagoromo.recovery.near_surface import NearSurface, on_surface
 from hagoromo.recovery.object_sky import ObjectSky, Unlit
 from hagoromo.recovery.object_view import ObjectView
@@ -163,3 +165,15 @@ def test_light_beside_an_outline_is_in_error_by_what_a_soft_edge_hides():
     off = blurred(view, 2.0)
     for column, way in ((5, 0.5), (3, 2.5), (6, 0.5), (8, 2.5)):
         assert np.allclose(off[:, column], 0.5 / (1.0 + np.exp(way / 2.0)))
+
+
+@pytest.mark.parametrize(("pixels", "end"), [(24, 0.33), (72, None), (240, 0.1)])
+def test_an_edge_ends_as_soft_as_a_pixel_blurs_it(pixels, end):
+    """0.24 px, but no less than a tenth and no more than a third of a voxel."""
+    views = views_of(simulated(TrueObject(flat=True), shots(4, 5, 60, 1, pixels=pixels), 1).capture.photographs)
+    lattice = Lattice.around(*(np.full(3, side) for side in (-0.045, 0.045)), 46)  # voxels of 2 mm
+    start = SurfaceShape.of_hull(lattice, np.full(lattice.shape, 2.0))
+    levels = Levels(views, start, [46], 1 << 10, 0, True, FoundLook().of_views(views))
+    camera = views[0].photograph.camera
+    voxel = lattice.voxel * min(camera.focal) / np.linalg.norm(camera.position - lattice.middle)  # px
+    assert levels.softness == pytest.approx(0.24 / voxel if end is None else end, rel=1e-3)

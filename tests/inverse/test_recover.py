@@ -20,6 +20,7 @@ from hagoromo.recovery.silhouettes import views_of
 from hagoromo.recovery.surface_shape import SurfaceShape
 from studies.recover_scenes import Shots, TrueObject, aligned, around, misplaced, misstated, shots, simulated, standing
 from studies.recovery import places_off, strengths_off
+from studies.recovery_scores import seen_angles
 
 SETTINGS = hg.RecoverySettings(side=32, steps=80, rays=1 << 14, keep=0, errors=False)
 VOXEL = 0.0035  # m, about that of this lattice
@@ -89,6 +90,7 @@ def test_the_surface_and_its_normals_are_the_true_ones(recovered, aside):
         distances.append(np.abs(np.array(field.value_at(at))))
     assert np.median(np.concatenate(angles)) < 2.5  # degrees
     assert np.concatenate(distances).mean() < 0.35  # voxel
+    assert np.median(seen_angles(recovered, aside[0])) < 2.5  # degrees
 
 
 def test_the_true_gloss_conserves_energy():
@@ -162,23 +164,20 @@ def test_one_seed_gives_the_same_bits_whatever_the_cores():
 
 @pytest.mark.nightly
 def test_errors_of_places_are_about_those_that_there_are(taken, aside):
-    """Of the surface on a lattice of 32 nodes; every pixel that shows one smooth part has an error."""
-    found = hg.recover(taken.capture, replace(SETTINGS, steps=30, errors=True))
+    """On 36 nodes the arms, 12 mm, are 4 voxels thick; every pixel that shows one smooth part has an error."""
+    found = hg.recover(taken.capture, replace(SETTINGS, side=36, steps=30, errors=True))
     errors, near = found.errors, np.abs(found.distance) < NEAR
     assert errors is not None
-    known = np.isfinite(errors.position) | errors.thin  # its arms are about as thin as these voxels allow
-    assert known[near].all() and np.isnan(errors.position[~near]).all() and errors.thin[near].mean() < 0.1
+    assert np.isfinite(errors.position[near]).all() and np.isnan(errors.position[~near]).all()
     angles, stated = [], []
     for photograph, normals in zip(aside[0].capture.photographs, aside[0].normals, strict=True):
         own, opacity = found.normals(photograph)
         there = np.isfinite(normals[..., 0]) & (opacity > 0.9)
         angles.append(np.arccos(np.clip((own * normals)[there].sum(axis=1), -1.0, 1.0)))
-        node = found.places(photograph)[0][there]
-        stated.append(errors.normal.ravel()[node])
-        whole = known.ravel()[node]  # but for pixels that show two parts, one behind the other
+        stated.append(errors.normal.ravel()[found.places(photograph)[0][there]])
+        whole = np.isfinite(stated[-1])  # but for pixels that show two parts, one behind the other
         assert whole.mean() > 0.99 and whole[~edges(normals)[there]].all()
-    off, own = np.concatenate(angles), np.concatenate(stated)
-    ratio = np.sqrt(np.mean(off[np.isfinite(own)] ** 2) / np.nanmean(own**2))
+    ratio = np.sqrt(np.mean(np.concatenate(angles) ** 2) / np.nanmean(np.concatenate(stated) ** 2))
     assert 0.4 < ratio < 2.0
     record = found.record()["errors"]
     assert record["position_m"][0] < record["position_m"][1] < VOXEL and record["never_shown"] < 0.2
