@@ -160,10 +160,16 @@ def test_work_with_light_between_parts_goes_on_to_the_same_bits(balls, tmp_path,
 
 
 @pytest.mark.nightly
-def test_auto_takes_all_orders_where_they_predict_better(balls):
-    found = hg.recover(balls.capture, replace(QUICK, orders="auto"))
-    tried = found.record()["orders_tried_db"]
-    assert found.orders == "all" and tried["all"] > tried["first"] + 0.1
+def test_auto_takes_all_orders_where_they_predict_better():
+    """Three photographs judge, by their outlines, too, so one draw of pixels says little: 0.1, 0.8 and 0.6 dB."""
+    balls = path_simulated(shape_mesh(SmallBalls(), 0.001), shots(16, 5, 60, 1, pixels=120), 1)
+    quick, better = replace(QUICK, rays=1 << 14, steps=50, orders="auto"), []
+    for seed in range(3):
+        found = hg.recover(balls.capture, replace(quick, seed=seed))
+        tried = found.record()["orders_tried_db"]
+        better.append(tried["all"] - tried["first"])
+        assert (found.orders == "all") == (better[-1] >= 0.1)
+    assert np.mean(better) > 0.1
 
 
 def test_bad_choices_of_orders_end_in_one_line(balls):

@@ -171,7 +171,7 @@ def test_light_beside_an_outline_is_in_error_by_what_a_soft_edge_hides():
 def test_an_edge_ends_as_soft_as_a_pixel_blurs_it(pixels, end):
     """0.24 px, but no less than a tenth and no more than a third of a voxel."""
     views = views_of(simulated(TrueObject(flat=True), shots(4, 5, 60, 1, pixels=pixels), 1).capture.photographs)
-    lattice = Lattice.around(*(np.full(3, side) for side in (-0.045, 0.045)), 46)  # voxels of 2 mm
+    lattice = Lattice.around(np.full(3, -0.045), np.full(3, 0.045), 46)  # voxels of 2 mm
     start = SurfaceShape.of_hull(lattice, np.full(lattice.shape, 2.0))
     levels = Levels(views, start, [46], 1 << 10, 0, True, FoundLook().of_views(views))
     camera = views[0].photograph.camera
