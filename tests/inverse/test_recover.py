@@ -164,8 +164,8 @@ def test_one_seed_gives_the_same_bits_whatever_the_cores():
 
 @pytest.mark.nightly
 def test_errors_of_places_are_about_those_that_there_are(taken, aside):
-    """On 36 nodes the arms, 12 mm, are 4 voxels thick; every pixel that shows one smooth part has an error."""
-    found = hg.recover(taken.capture, replace(SETTINGS, side=36, steps=30, errors=True))
+    """The arms are 3.6 voxels thick, and not found thinner; every pixel that shows one smooth part has an error."""
+    found = hg.recover(taken.capture, replace(SETTINGS, steps=30, errors=True))
     errors, near = found.errors, np.abs(found.distance) < NEAR
     assert errors is not None
     assert np.isfinite(errors.position[near]).all() and np.isnan(errors.position[~near]).all()
