@@ -75,8 +75,11 @@ class LitSurfaces:
 
     def direct(self, point: Array3f, element: Element, coefficients: list[Float], to_eye: Array3f) -> list[Float]:
         """Radiance, of every channel, that a surface sends to the eye of the light of the lamps."""
-        light, _ = self.lighting.reflected_radiance(point, to_eye, [element], [coefficients])
-        light = self.lighting.in_groups(light)
+        light: list[Float] = []
+        for part in self.lighting.in_parts():
+            more = part.in_groups(part.reflected_radiance(point, to_eye, [element], [coefficients])[0])
+            dr.eval(more)
+            light = [one + other for one, other in zip(light, more, strict=True)] if light else more
         each, bands = len(coefficients), self.colours.count
         values = [self.colours.values_of(band) for band in range(bands)]
         return [
