@@ -35,6 +35,7 @@ MANY_RAYS = 16  # of march
 LEAST_WALKS = 32  # a pixel, of each picture of the truth
 NOISE = 0.06  # of Y of a pixel of each
 LONGEST = 60.0  # of each [s]
+MOST_LIGHTS = 8  # of scenes that full is judged on alone: it is compiled for each mixture of lamps
 DARK = 1e-4  # mean Y below which a scene shows nothing: matter is lit by 0.3 and more
 ROUNDING = 1e-6  # of the largest weight, below 0
 TOLERANCE = hg.Settings().tolerance  # of march
@@ -117,6 +118,8 @@ def row(number: int, pixels: int, home: Path, seconds: float, marched: bool) -> 
     drawn = drawn_scene(number, pixels)
     timed = TimedPictures(drawn.scene)
     found: dict[str, Any] = {"number": number, "words": drawn.words, "seconds": timed.seconds, "warned": timed.warned}
+    if len(drawn.scene.lights) > MOST_LIGHTS and not marched:
+        return found | {"left_out": True}
     try:
         pictures = {"march": timed.picture("march", "march", hg.Settings(MANY_RAYS))} if marched else {}
         full = pictures["full"] = timed.picture("full", "full", hg.Settings(RAYS))

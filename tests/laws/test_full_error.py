@@ -4,6 +4,7 @@ The first tests have pictures that are made up, with walks whose mean is known; 
 """
 
 import math
+import re
 import warnings
 from collections import defaultdict
 
@@ -203,7 +204,7 @@ def test_walks_go_on_to_the_error_that_is_asked_for_or_say_what_it_takes():
     scene = MadeUp(1, 0.3, 0.1)
     image, error = mended_by(scene, None, error=0.02)
     assert error.mended.at_most <= 0.02 and max(map(abs, scene.off(image))) < 0.02 and error.walks > 1 << 18
-    with pytest.raises(hg.InputError, match=r"takes about .* walks.*rows \d+ to \d+, columns \d+ to \d+"):
+    with pytest.raises(hg.InputError, match=r"takes .* to .* walks.*rows \d+ to \d+, columns \d+ to \d+"):
         mended_by(scene, None, error=1e-4)
     with pytest.raises(hg.InputError, match="both walks and error"):
         hg.Settings(walks=5, error=0.1)
@@ -229,7 +230,8 @@ class TimedWalks(MadeUp):
 def test_an_error_that_takes_too_long_is_refused_early_unless_a_time_is_given(monkeypatch):
     """0.02 takes some 10^6 walks: 10 000 s at 10 ms each. It is refused in the first 600 s, and says what it takes."""
     slow = TimedWalks(monkeypatch, 1e-2)
-    with pytest.raises(hg.InputError, match=r"takes about .* walks, .* s here, and without a time 600 s are the most"):
+    said = r"takes .* to .* walks, .* to .* s here, and without a time 600 s are the most"
+    with pytest.raises(hg.InputError, match=said):
         mended_by(slow, None, error=0.02)
     assert slow.now < 610.0
     _, quick = mended_by(TimedWalks(monkeypatch, 1e-6), None, error=0.02)
@@ -248,7 +250,10 @@ def test_a_time_ends_the_walks_and_the_picture_says_what_it_is_off(monkeypatch, 
     error = stated(image)
     assert 1.9e6 < error.walks < 2.01e6 and hits(slow.off(image)[0], error.mended.mean_interval)
     said = [str(one.message) for one in caught]
-    assert said == [] if asked is None else "the time of 2000 s has ended" in said[0] and "0.005 takes about" in said[0]
+    if asked is None:
+        assert said == []
+    else:
+        assert re.search(r"the time of 2000 s has ended .* 0.005 takes [\d.]+ to [\d.]+ s", said[0])
 
 
 @pytest.mark.parametrize("asked", [None, 0.02])
