@@ -24,7 +24,7 @@ from hagoromo.transport.field.patches import SIDES, Patch, Patches
 from hagoromo.transport.field.scattering import REFLECTED, ScatteringTables
 from hagoromo.transport.field.second_order import NUMBERS, projected, second_order
 from hagoromo.transport.field.sent_light import Numbers, nothing
-from hagoromo.transport.field.sweep import Path, Ways
+from hagoromo.transport.field.sweep import Path
 from hagoromo.transport.lighting import Lighting
 from hagoromo.transport.path.path import SurfaceHits
 from hagoromo.transport.sample import Element
@@ -146,16 +146,6 @@ def packed(columns: list[Float]) -> Float:
         dr.scatter(values, column, lane * each + k)
     dr.eval(values)
     return values
-
-
-def smooth_extinction(ways: Ways) -> list[Float]:
-    """The nine numbers of σ of every cell, from σ along ways that integrate polynomials of the fourth degree."""
-    jit = arrays()
-    sigma = [dr.zeros(jit.Float, ways.cells.filled)] * NUMBERS
-    for towards, weight, along in ways.sigma_of_all():
-        sigma = [dr.fma(factor, along * weight, old) for factor, old in zip(projected(towards), sigma, strict=True)]
-    dr.eval(sigma)
-    return sigma
 
 
 class Links:
