@@ -15,7 +15,7 @@ import hagoromo as hg
 from hagoromo.image import full_picture
 from hagoromo.image.full_error import BLOCK, FullError
 from hagoromo.image.full_judge import Judge
-from hagoromo.image.full_mend import Mender
+from hagoromo.image.full_mend import Mender, MendFit
 from hagoromo.image.full_refine import mended
 from hagoromo.image.full_walks import BlockSums, PictureBlocks, in_blocks
 from hagoromo.image.image import Image
@@ -137,6 +137,18 @@ def test_an_interval_of_the_walks_that_were_fitted_would_not_hold():
         image, _ = mended_by(scene, 12000)
         held.append(own >= 0.8 * scene.off(image)[1])
     assert not intervals_hold(held, at_least=True)
+
+
+def test_a_picture_has_the_light_that_its_error_was_judged_by_where_factors_end():
+    """Shares that would make light negative in some pixels of a block: the others have as much less."""
+    mender = Mender(MadeUp(4).sums(12000))
+    shares = np.array([[-0.6], [0.0], [0.0], [1.5], [0.8]])
+    fit = MendFit(shares, np.zeros_like(mender.light))
+    factors = mender.factors(fit)
+    made = in_blocks(mender.blocks.higher * factors) / mender.blocks.sizes[:, None]
+    wanted = mender.light + mender.change(fit)
+    assert ((factors == 0.0).mean() > 0.1) and (factors <= 10.0).all()
+    np.testing.assert_allclose(made, wanted, rtol=1e-9, atol=1e-12)
 
 
 def test_the_mend_helps_where_full_is_off_and_does_little_where_it_is_right():
