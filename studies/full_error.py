@@ -2,8 +2,8 @@
 
     python -m studies.full_error examples/recipes --out out/full_error
 
-Leaves: results.json and full_error.md, which belongs to docs; studies.few_walks adds to both what few walks mend. Where
-a scene is in results.json, it is kept.
+Leaves: results.json and full_error.md, which belongs to docs; studies.few_walks adds to both what few walks mend,
+studies.random_scenes scenes drawn from wide ranges. Where a scene is in results.json, it is kept.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from studies.orders import scene_of as scene_of_recipe
 PIXELS = 96  # a side
 WALKS = 1000  # a pixel of path, which is the truth
 RAYS = 4
+WIDE = "wide_scenes.json"  # of studies.random_scenes: mode full on scenes drawn from wide ranges
 FAR = hg.Lamp(to_lamp=(0.48, -0.6, 0.64))
 WHITE = hg.Spectrum.constant(1.0)
 RED = hg.Spectrum([400, 500, 560, 620, 700], [0.15, 0.2, 0.5, 1.0, 1.0])
@@ -165,9 +166,12 @@ def main(
 
 
 def write_page(out: Path) -> None:
-    """The page full_error.md in the folder `out`, of results.json, and of few_walks.json where it is there."""
-    few = hg.read_json(out / "few_walks.json") if (out / "few_walks.json").exists() else {"rows": []}
-    page = hg.page_text("full_error.md.j2", "studies", block=BLOCK, few=few, **hg.read_json(out / "results.json"))
+    """The page full_error.md in the folder `out`, of results.json, and of few_walks.json and WIDE, if there are any."""
+    few, wide = (
+        hg.read_json(out / name) if (out / name).exists() else {"rows": []} for name in ("few_walks.json", WIDE)
+    )
+    record = hg.read_json(out / "results.json")
+    page = hg.page_text("full_error.md.j2", "studies", block=BLOCK, few=few, wide=wide, **record)
     with hg.whole_file(out / "full_error.md", force=True) as path:
         path.write_text(page, encoding="utf-8", newline="\n")
     print(f"wrote {out}")

@@ -5,7 +5,8 @@
 A scene is one number, see studies.drawn_scenes. March is held to path's first order; full to its light of higher
 orders, and to what it states of itself. Truth is two pictures of path, whose difference is their noise. Leaves:
 results.json and random_scenes.md, which belongs to docs. A number that is in results.json is kept, and so is a truth
-that is there.
+that is there. With `--mode full` march is left out, and what is left is wide_scenes.json beside the pages of
+studies.full_error.
 """
 
 from __future__ import annotations
@@ -13,8 +14,9 @@ from __future__ import annotations
 import math
 import time
 import warnings
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import tyro
@@ -22,6 +24,7 @@ from numpy.typing import NDArray
 
 import hagoromo as hg
 from hagoromo.image.modes import Mode
+from studies import full_error
 from studies.drawn_scenes import drawn_scene
 from studies.orders import in_blocks
 
@@ -32,6 +35,7 @@ MANY_RAYS = 16  # of march
 LEAST_WALKS = 32  # a pixel, of each picture of the truth
 NOISE = 0.06  # of Y of a pixel of each
 LONGEST = 60.0  # of each [s]
+MOST_LIGHTS = 8  # of scenes that full is judged on alone: it is compiled for each mixture of lamps
 DARK = 1e-4  # mean Y below which a scene shows nothing: matter is lit by 0.3 and more
 ROUNDING = 1e-6  # of the largest weight, below 0
 TOLERANCE = hg.Settings().tolerance  # of march
@@ -94,50 +98,55 @@ class Truth(NamedTuple):
     higher: Array
 
     @classmethod
-    def of(cls, timed: TimedPictures) -> Truth:
-        """Of a scene."""
-        images = {
-            orders: [
-                timed.picture("path" if orders is None else "first", "path",
-                              hg.Settings(LEAST_WALKS, seed=1 + k, orders=orders, error=NOISE, seconds=LONGEST))
-                for k in range(2)
-            ]
-            for orders in (1, None)
-        }  # fmt: skip
-        first, all_orders, higher = (
-            np.stack([y_of(image, part) for image in images[orders]])
-            for orders, part in ((1, ""), (None, ""), (None, "higher"))
-        )
-        return cls(first, all_orders, higher)
+    def of(cls, timed: TimedPictures, seconds: float, marched: bool) -> Truth:
+        """Of a scene, in so many seconds each at most; of the first order alone where march is held to it."""
+
+        def pictures(name: str, orders: int | None) -> list[hg.Image]:
+            settings = hg.Settings(LEAST_WALKS, orders=orders, error=NOISE, seconds=seconds)
+            return [timed.picture(name, "path", replace(settings, seed=1 + k)) for k in range(2)]
+
+        every = pictures("path", None)
+        first = pictures("first", 1) if marched else []
+        return cls(*(np.array([y_of(one, part) for one in some])
+                     for some, part in ((first, ""), (every, ""), (every, "higher"))))  # fmt: skip
 
 
-def row(number: int, pixels: int, home: Path) -> dict[str, Any]:
-    """Figures of a scene. home: folder where the truth is kept, and taken from if it is there."""
+def row(number: int, pixels: int, home: Path, seconds: float, marched: bool) -> dict[str, Any]:
+    """Figures of a scene. home: folder where the truth is kept, and taken from if it is there. marched: whether march
+    is judged, too.
+    """
     drawn = drawn_scene(number, pixels)
     timed = TimedPictures(drawn.scene)
     found: dict[str, Any] = {"number": number, "words": drawn.words, "seconds": timed.seconds, "warned": timed.warned}
+    if len(drawn.scene.lights) > MOST_LIGHTS and not marched:
+        return found | {"left_out": True}
     try:
-        march = timed.picture("march", "march", hg.Settings(MANY_RAYS))
-        full = timed.picture("full", "full", hg.Settings(RAYS))
+        pictures = {"march": timed.picture("march", "march", hg.Settings(MANY_RAYS))} if marched else {}
+        full = pictures["full"] = timed.picture("full", "full", hg.Settings(RAYS))
     except hg.InputError as error:
         return found | {"refused": str(error)}
-    found["wrong"] = wrong_values({"march": march, "full": full})
-    if max(y_of(image).mean() for image in (march, full)) < DARK:
+    found["wrong"] = wrong_values(pictures)
+    if max(y_of(image).mean() for image in pictures.values()) < DARK:
         return found | {"dark": True}
     kept = home / f"truth_{number}.npz"
     if not kept.exists():
-        np.savez(kept, **Truth.of(timed)._asdict())
+        np.savez(kept, **Truth.of(timed, seconds, marched)._asdict())
     truth = Truth(**np.load(kept))
     there = in_blocks(full.alpha.astype(float)) > 0.0
-    mean_first, mean, higher = (float(np.mean([in_blocks(each)[there].mean() for each in some])) for some in truth)
+    mean, higher = (float(np.mean([in_blocks(each)[there].mean() for each in some])) for some in truth[1:])
     error = full.full_error
-    return found | {
+    found |= {
         "share": higher / mean,
         "bands_error": full.metadata["bands_error"],
-        "march": off(y_of(march), truth.first, there, mean_first),
         "higher": off(y_of(full, "higher"), truth.higher, there, mean),
         "stated": error.record() if error else None,
     }
+    if error:
+        found["held"] = holds(found["higher"], found["stated"]["mended"])
+    if marched:
+        mean_first = float(np.mean([in_blocks(each)[there].mean() for each in truth.first]))
+        found["march"] = off(y_of(pictures["march"]), truth.first, there, mean_first)
+    return found
 
 
 def wrong_values(images: dict[str, hg.Image]) -> list[str]:
@@ -170,7 +179,7 @@ def write_page(out: Path) -> None:
     """The page random_scenes.md in the folder `out`, of results.json."""
     record = hg.read_json(out / "results.json")
     rows = [row for row in record["rows"] if "march" in row]
-    held = [holds(row["higher"], row["stated"]["mended"]) for row in rows if row["stated"]]
+    held = [row["held"] for row in rows if row["stated"]]
     figures = {
         "drawn": len(record["rows"]),
         "dark": sum("dark" in row for row in record["rows"]),
@@ -199,7 +208,14 @@ def summary(offs: list[dict[str, float]]) -> dict[str, float]:
     }
 
 
-def main(out: Path, first: int = FIRST, scenes: int = SCENES, pixels: int = PIXELS) -> None:
+def main(
+    out: Path,
+    first: int = FIRST,
+    scenes: int = SCENES,
+    pixels: int = PIXELS,
+    seconds: float = LONGEST,
+    mode: Literal["both", "full"] = "both",
+) -> None:
     """Render scenes of numbers in a row by march, full and path.
 
     Args:
@@ -207,16 +223,21 @@ def main(out: Path, first: int = FIRST, scenes: int = SCENES, pixels: int = PIXE
         first: number of the first scene.
         scenes: how many.
         pixels: a side of the pictures.
+        seconds: of each picture of path, at most [s].
+        mode: full leaves march out; `out` is then that of studies.full_error.
     """
     out.mkdir(parents=True, exist_ok=True)
-    path = out / "results.json"
+    path, marched = out / ("results.json" if mode == "both" else full_error.WIDE), mode == "both"
     rows = {one["number"]: one for one in (hg.read_json(path)["rows"] if path.exists() else [])}
     for number in range(first, first + scenes):
         if number not in rows:
-            rows[number] = row(number, pixels, out)
+            rows[number] = row(number, pixels, out, seconds, marched)
             print(number, rows[number], flush=True)
             hg.write_json(path, {"pixels": pixels, "rows": [rows[key] for key in sorted(rows)]})
-    write_page(out)
+    if marched:
+        write_page(out)
+    elif (out / "results.json").exists():
+        full_error.write_page(out)
 
 
 if __name__ == "__main__":

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 DATA = "../shared/data"  # real data beside the checkout: `make data`
 RECIPES = "examples/recipes"
+WIDE_SCENES = ("--first", "1000", "--scenes", "14", "--pixels", "64", "--seconds", "12", "--mode", "full")
 CLOSELY = ("maps.jpg", "profile.png", "raking.jpg", "page.jpg")  # pictures of studies.closely
 SIX_OBJECTS = "gray buddha cat horse owl rock".split()
 
@@ -209,6 +210,7 @@ STUDIES: dict[str, Study] = {
         (
             _module("full_error", RECIPES, "--out", "out/full_error"),
             _module("few_walks", RECIPES, "--out", "out/full_error"),
+            _module("random_scenes", *WIDE_SCENES, "--out", "out/full_error"),
         ),
         _page("full_error"),
     ),

@@ -250,9 +250,16 @@ class Mender:
         return np.clip(change, least, most)
 
     def factors(self, fit: MendFit) -> Array:
-        """Factors on the channels of higher orders of every pixel, (height, width, channels)."""
+        """Factors on the channels of higher orders of every pixel, (height, width, channels).
+
+        Where some of a block's are kept within FACTORS, the others make up for it: it has the light that was judged.
+        """
         share = np.einsum("hwf,fc->hwc", self.features, fit.shares) + self._between(fit.own)
-        return np.clip(1.0 + share, *FACTORS)
+        factors = np.clip(1.0 + share, *FACTORS)
+        wanted = self.light + self.change(fit)
+        made = in_blocks(self.blocks.higher * factors) / self.blocks.sizes[:, None]
+        scale = np.where(made > 0.0, wanted / np.maximum(made, TINY), 1.0)
+        return np.clip(factors * scale[self._block_of_pixels], *FACTORS)
 
     def _between(self, own: Array) -> Array:
         """Shares between the middles of blocks, (height, width, channels), whose light in blocks is as asked."""
@@ -266,9 +273,13 @@ class Mender:
                 made[..., k] = map_coordinates(given[:, k].reshape(rows, columns), places, order=1, mode="nearest")
             left = own - in_blocks(self.blocks.higher * made) / light
             given = given + left
+        return made + left[self._block_of_pixels]
+
+    @cached_property
+    def _block_of_pixels(self) -> NDArray[np.int64]:
+        """Number of the block of every pixel, (height, width)."""
         down, across = (np.arange(side) // BLOCK for side in self.blocks.first.shape)
-        block = np.add.outer(down * columns, across)
-        return made + left[block]
+        return np.add.outer(down * self.blocks.grid[1], across)
 
 
 def held_back(design: Array, off: Array, weight: Array, hold: float) -> Array:

@@ -30,6 +30,7 @@ MOST_WALKS = 1 << 20  # without an error that is asked for
 GOOD = 0.01  # error that is not made smaller unasked
 BAD = 0.05  # error of which a picture warns
 AT_MOST = 4.0  # times as many walks from one look to the next
+FORECAST = 0.5, 4.0  # times what noise alone says of walks to come: of seven in eight forecasts
 LONGEST_UNASKED = 600.0  # [s] of walks that an error may take for which no time is given
 
 # Gives what the matter of a pixel is called: number of the pixel.
@@ -94,7 +95,11 @@ def mended(
         error = Judge(mender).error(fit)
         wanted = _wanted(error, settings, sums, clock, partial(_place, name_of=name_of, width=image.alpha.shape[1]))
         left = clock.takes(sums, max(wanted - sums.count, 0.0))
-        progress(min(sums.count / max(wanted, 1.0), 1.0), f"walks, about {left:.0f} s more" if left > 1.0 else "walks")
+        asked, now = settings.error, error.mended.at_most
+        if asked is not None and now > asked:
+            left = clock.takes(sums, error.walks * ((now / asked) ** 2 - 1.0))
+        words = f"{spread(left)} s" if asked is not None else f"about {left:.0f} s"
+        progress(min(sums.count / max(wanted, 1.0), 1.0), f"walks, {words} more" if left > 1.0 else "walks")
         if wanted <= sums.count or (settings.error is None and wanted < sums.count + sums.least):
             break
         wanted = max(wanted, sums.count + sums.least)
@@ -108,7 +113,7 @@ def _warn(error: FullError, settings: Settings, sums: BlockSums, clock: WalkTime
     if asked is not None and now > asked:
         warnings.warn(
             f"the time of {clock.seconds:g} s has ended the walks of mode full: their error is {now:.2g}, and "
-            f"{asked:g} takes about {clock.takes(sums, error.walks * (now / asked) ** 2):.2g} s",
+            f"{asked:g} takes {spread(clock.takes(sums, error.walks * (now / asked) ** 2))} s",
             stacklevel=5,
         )
     elif now > BAD:
@@ -142,11 +147,21 @@ def _wanted(
         seconds = clock.takes(sums, needed)
         most = f"{MOST_FULL_WALKS:.2g} walks" if needed > MOST_FULL_WALKS else f"{LONGEST_UNASKED:g} s"
         raise InputError(
-            f"an error of {asked:g} takes about {needed:.2g} walks, {seconds:.2g} s here, and without a time {most} "
+            f"an error of {asked:g} takes {spread(needed)} walks, {spread(seconds)} s here, and without a time {most} "
             f"are the most: after {error.walks:.2g} it is {now:.2g}, most of all {place(error)}; give a larger error, "
             "or a time"
         )
     return float(min(int(min(1.2 * needed, AT_MOST * error.walks)) + 1, MOST_FULL_WALKS))
+
+
+def spread(middle: float) -> str:
+    """Words for how many walks or seconds an error takes, where noise alone says `middle`.
+
+    >>> spread(120.0)
+    '60 to 480'
+    """
+    low, high = (float(f"{factor * middle:.2g}") for factor in FORECAST)
+    return f"{low:.7g} to {high:.7g}"
 
 
 def _place(error: FullError, name_of: NameOf, width: int) -> str:

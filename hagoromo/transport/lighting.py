@@ -20,12 +20,12 @@ from hagoromo.errors import InputError
 from hagoromo.light.lamp import Lamp, by_place
 from hagoromo.light.lamp_light import LampInTurn, LampLight
 from hagoromo.light.spectrum import Spectrum
+from hagoromo.transport.lamps_in_turn import MOST_UNROLLED, in_turn
 from hagoromo.transport.materials import Materials
 from hagoromo.transport.palette import position_of
 from hagoromo.transport.sample import Element, TexelHit
 
 LAMPS_OF_A_PART = 16  # of a kernel that follows rays of the camera; one of 32 takes twice as long to compile
-MOST_UNROLLED = 4  # lamps whose shadows are in a kernel one by one
 MOST_LAMPS = 512  # of one kernel, each a part of it; pictures are made of batches of fewer
 ShadowRay = tuple[Array3f, Array3f, Float]  # origin, to_lamp, distance to the lamp [m]
 AttenuationOfAll = Callable[[list[ShadowRay]], list[Float]]  # transmittance 0…1 of each; see `DifferentiableMedium`
@@ -74,15 +74,14 @@ class LampRow(NamedTuple):
 
 
 class Arrived(NamedTuple):
-    """Light of a lamp at a point without shadows: unit direction to it, its distance [m] and irradiance; the weights of
-    f of each element there; and whether any of them sends light to the eye.
+    """Light of a lamp at a point without shadows: unit direction to it, its distance [m] and irradiance, and whether
+    there is any.
     """
 
     to_lamp: Array3f
     distance: Float
     irradiance: Float
-    weights: list[list[Float]]
-    lit: Bool
+    any: Bool
 
 
 class HigherOrders(Protocol):
@@ -218,49 +217,66 @@ class Lighting:
         extinction: around the point [1/m]. seen: share of its light that reaches the eye, at most. box: number of that
         which the point is matter of; None of a surface.
         """
-        palette = self.materials.palette
-        light: list[Any] = []
-        passed: list[Any] = []
-        arrived = [self._arrived(lamp, point, to_eye, elements, texel_hit) for lamp in range(len(self.lamps))]
-        ways = [WayToLamp(point, each.to_lamp, each.distance, extinction, seen, texel_hit, box) for each in arrived]
+        arrived, count = self._arrived(point), 1 + len(self.materials.palette.colours)
         ahead: list[Float] = []
         if self.all_at_once and self.attenuation:
-            ahead = self._transmittances(point, elements[0], arrived)
-        elif self._in_turn and self.attenuation:
-            ahead = self._transmittances_in_turn(elements[0], ways, [each.lit for each in arrived])
-        for number, (_, _, irradiance, weights, lit) in enumerate(arrived):
-            passed.append(arrays().Float(1))
-            if self.attenuation is not None:
-                way = ways[number]
-                transmittance = ahead[number] if ahead else self.transmittance(number, lit, elements[0], way)
-                passed[-1], irradiance = dr.select(lit, transmittance, 1.0), irradiance * transmittance
-            for j in range(len(palette.colours)):
-                total = arrays().Float(0)
-                for each, share in zip(weights, coefficients, strict=True):
-                    total = dr.fma(each[palette.parts[j]], share[j], total)
-                light.append(irradiance * total)
-        return light, passed
+            lit = [self._scattered(each, to_eye, elements, texel_hit)[1] for each in arrived]
+            ahead = self._transmittances(point, elements[0], arrived, lit)
 
-    def _arrived(
-        self, lamp: int, point: Array3f, to_eye: Array3f, elements: list[Element], texel_hit: TexelHit | None
-    ) -> Arrived:
-        """The light of a lamp at a point, and the weights of what each element sends of it to the eye."""
-        to_lamp, distance, irradiance = self.arriving(lamp, point)
+        def each(lamp: int | LampInTurn, *known: Any) -> list[Float]:
+            """Transmittance from one lamp, and its light of every colour."""
+            here, passed = Arrived(*known), arrays().Float(1)
+            weights, lit = self._scattered(here, to_eye, elements, texel_hit)
+            irradiance = here.irradiance
+            if self.attenuation is not None:
+                way = WayToLamp(point, here.to_lamp, here.distance, extinction, seen, texel_hit, box)
+                transmittance = (
+                    ahead[lamp] if isinstance(lamp, int) and ahead else self.transmittance(lamp, lit, elements[0], way)
+                )
+                passed, irradiance = dr.select(lit, transmittance, 1.0), irradiance * transmittance
+            return [passed, *(irradiance * total for total in self._in_colours(weights, coefficients))]
+
+        lights = [row.light for row in self.lamps]
+        one_by_one = self.attenuation is None or self.all_at_once or self.tracked
+        found = in_turn(lights, arrived, each, count, len(lights) if one_by_one else MOST_UNROLLED)
+        return [one for k, one in enumerate(found) if k % count], found[::count]
+
+    def _arrived(self, point: Array3f) -> list[Arrived]:
+        """The light of every lamp at a point."""
+        jit, found = arrays(), []
+        for lamp, row in enumerate(self.lamps):
+            to_lamp, distance, irradiance = self.arriving(lamp, point)
+            any_light = jit.Bool(True) if row.light.beam is None else irradiance > 0.0
+            found.append(Arrived(jit.Array3f(to_lamp), jit.Float(distance), jit.Float(irradiance), any_light))
+        return found
+
+    def _scattered(
+        self, arrived: Arrived, to_eye: Array3f, elements: list[Element], texel_hit: TexelHit | None
+    ) -> tuple[list[list[Float]], Bool]:
+        """Weights of what each element sends of the light of a lamp, and whether any sends some."""
         weights, lit = [], arrays().Bool(False)
         for element in elements:
-            each = self._weights(element, to_lamp, to_eye)
+            each = self._weights(element, arrived.to_lamp, to_eye)
             lit |= sum(each[1:], each[0]) > 0.0
             if element.scales and texel_hit:
-                factors = element.scales.at(*(texel_hit.frame.inwards(way) for way in (to_eye, to_lamp)))
+                factors = element.scales.at(*(texel_hit.frame.inwards(way) for way in (to_eye, arrived.to_lamp)))
                 scaled = [  # fewer than weights where no element of a texel transmits
                     dr.select(texel_hit.textured, part * factor, part)
                     for part, factor in zip(each, factors, strict=False)
                 ]
                 each = [*scaled, *each[len(scaled) :]]
             weights.append([part * element.share for part in each])
-        if self.lamps[lamp].light.beam is not None:
-            lit &= irradiance > 0.0
-        return Arrived(to_lamp, distance, irradiance, weights, lit)
+        return weights, lit & arrived.any
+
+    def _in_colours(self, weights: list[list[Float]], coefficients: list[list[Float]]) -> list[Float]:
+        """Weights of elements as those of each colour of the palette; coefficients: of every element."""
+        palette, found = self.materials.palette, []
+        for j in range(len(palette.colours)):
+            total = arrays().Float(0)
+            for each, share in zip(weights, coefficients, strict=True):
+                total = dr.fma(each[palette.parts[j]], share[j], total)
+            found.append(total)
+        return found
 
     def _weights(self, element: Element, to_lamp: Array3f, to_eye: Array3f) -> Sequence[Float]:
         """Weights of f of an element; 0 where it is not there."""
@@ -301,36 +317,26 @@ class Lighting:
         second = self._looked_up(lamp, biased, replace(way, origin=origin, distance=rest, extinction=0.0))
         return dr.select(biased, dr.fmin(first, second), first)
 
-    @property
-    def _in_turn(self) -> bool:
-        """Whether a loop goes through the lamps, which are many and of one kind."""
-        return len(self.lamps) > MOST_UNROLLED and len({row.light.near for row in self.lamps}) == 1
+    def irradiances(
+        self, element: Element, point: Array3f, extinction: Float, texel_hit: TexelHit | None
+    ) -> list[Float]:
+        """Irradiance from every lamp on what faces it, with shadows; see `reflected_radiance`."""
+        arrived = self._arrived(point)
+        if self.attenuation is None:
+            return [each.irradiance for each in arrived]
 
-    def _transmittances_in_turn(self, element: Element, ways: list[WayToLamp], lit: list[Bool]) -> list[Float]:
-        """`transmittance` from every lamp, whose code is in the kernel once."""
-        jit = arrays()
+        def each(lamp: int | LampInTurn, *known: Any) -> list[Float]:
+            here = Arrived(*known)
+            way = WayToLamp(point, here.to_lamp, here.distance, extinction, 1.0, texel_hit)
+            return [here.irradiance * self.transmittance(lamp, arrays().Bool(True), element, way)]
 
-        def one(number: UInt, *passed: Float) -> tuple[UInt | Float, ...]:
-            here = [number == k for k in range(len(ways))]
-            way, asked = ways[0], lit[0]
-            to_lamp, distance = jit.Array3f(way.to_lamp), jit.Float(way.distance)
-            for is_it, other, also in zip(here[1:], ways[1:], lit[1:], strict=True):
-                to_lamp = dr.select(is_it, other.to_lamp, to_lamp)
-                distance = dr.select(is_it, other.distance, distance)
-                asked = dr.select(is_it, also, asked)
-            way = replace(way, to_lamp=to_lamp, distance=distance)
-            found = self.transmittance(LampInTurn(number, self.lamps[0].light.near), asked, element, way)
-            return number + 1, *(dr.select(is_it, found, old) for is_it, old in zip(here, passed, strict=True))
+        return in_turn([row.light for row in self.lamps], arrived, each, 1)
 
-        start = jit.UInt(0), *(jit.Float(0) for _ in ways)
-        _, *passed = dr.while_loop(start, lambda number, *passed: number < len(ways), one)
-        return passed
-
-    def _transmittances(self, point: Array3f, element: Element, arrived: list[Arrived]) -> list[Float]:
+    def _transmittances(self, point: Array3f, element: Element, arrived: list[Arrived], lit: list[Bool]) -> list[Float]:
         """`transmittance` from every lamp, all at once; 1 where it lights nothing."""
         rays: list[ShadowRay] = []
-        for to_lamp, distance, _, _, lit in arrived:
-            distance = dr.select(lit, arrays().Float(distance), 0.0)
+        for (to_lamp, distance, _, _), asked in zip(arrived, lit, strict=True):
+            distance = dr.select(asked, distance, 0.0)
             rays.append((element.shadow_origin(point, to_lamp), to_lamp, distance))
             if element.shadow_bias is not None:
                 origin, rest = element.far_shadow_origin(point, to_lamp, distance)

@@ -185,7 +185,7 @@ def same_bits(one: VolumeBox, other: VolumeBox) -> bool:
     return all(np.array_equal(a, b) for a, b in zip(one.bricks.dense(), other.bricks.dense(), strict=True))
 
 
-@pytest.mark.by_night("secondary", "contour", "covert", "down")
+@pytest.mark.by_night("secondary", "contour", "covert")
 @pytest.mark.parametrize("kind", FEATHERS)
 def test_one_seed_one_feather(kind):
     """Bits compared whole, on a coarse lattice."""

@@ -87,11 +87,11 @@ def six_lamps_over_a_floor(near):
     )
     camera = hg.Camera(9, 7, (60, 60), (4.5, 3.5)).look_at(eye=(0, -0.05, 0.012), target=(0, 0, 0.002))
     places = [np.array([np.cos(k), -1.0 - 0.2 * k, 0.3 + np.sin(k) ** 2]) for k in range(6)]
-    lamps = tuple(hg.Lamp(position=place) if near else hg.Lamp(to_lamp=place) for place in places)
+    lamps = tuple(hg.Lamp(position=place) if k in near else hg.Lamp(to_lamp=place) for k, place in enumerate(places))
     return hg.Scene(camera, lamps, (box,), surfaces=(hg.Surface.floor(-0.001, 0.02, MATTE),))
 
 
-@pytest.mark.parametrize("near", [True, False])
+@pytest.mark.parametrize("near", [range(6), (), (0, 2, 3), (4,)], ids=["near", "far", "mixed", "one near"])
 @pytest.mark.parametrize("shadows", ["map", "march"])
 def test_a_loop_through_lamps_gives_the_bits_of_one_after_the_other(monkeypatch, near, shadows):
     scene, settings = six_lamps_over_a_floor(near), hg.Settings(shadows=shadows)
@@ -102,7 +102,7 @@ def test_a_loop_through_lamps_gives_the_bits_of_one_after_the_other(monkeypatch,
 
 def test_lamps_in_parts_give_the_picture_of_all_in_one_kernel(monkeypatch):
     """Steps of the march follow the lamps of a part, so that the bound is that of the picture; coverage is the same."""
-    scene = six_lamps_over_a_floor(True)
+    scene = six_lamps_over_a_floor(range(6))
     whole = hg.render(scene)
     monkeypatch.setattr(lighting, "LAMPS_OF_A_PART", 2)
     parts = hg.render(scene)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from hagoromo.backend import Array3f, Bool, Float, arrays
 from hagoromo.errors import InputError
 from hagoromo.transport.field.cells import Cells
-from hagoromo.transport.field.links import Links, LitSurfaces, SmoothMatter, dark, smooth_extinction
+from hagoromo.transport.field.links import Links, LitSurfaces, SmoothMatter, dark
 from hagoromo.transport.field.patches import SIDES, CornerLight
 from hagoromo.transport.field.sent_light import Numbers, added, nothing
 from hagoromo.transport.field.solve import FieldSolution, Solver, accelerated, warn_if_unsettled
@@ -83,7 +83,7 @@ class Joint:
         self.matter: SmoothMatter | None = None
         if solver:
             self.ways = Ways(solver.samples, solver.cells, self.random)
-            self.sigma = smooth_extinction(self.ways)
+            self.sigma = self.ways.smooth
             self.matter = SmoothMatter(solver.cells, self.sigma, [])
             self.single = SmoothMatter(solver.cells, self.sigma, solver.single)
             self.cell_links = self._cell_links(solver.cells)

@@ -24,7 +24,7 @@ from hagoromo.transport.field.patches import SIDES, Patch, Patches
 from hagoromo.transport.field.scattering import REFLECTED, ScatteringTables
 from hagoromo.transport.field.second_order import NUMBERS, projected, second_order
 from hagoromo.transport.field.sent_light import Numbers, nothing
-from hagoromo.transport.field.sweep import Path, Ways
+from hagoromo.transport.field.sweep import Path
 from hagoromo.transport.lighting import Lighting
 from hagoromo.transport.path.path import SurfaceHits
 from hagoromo.transport.sample import Element
@@ -75,8 +75,11 @@ class LitSurfaces:
 
     def direct(self, point: Array3f, element: Element, coefficients: list[Float], to_eye: Array3f) -> list[Float]:
         """Radiance, of every channel, that a surface sends to the eye of the light of the lamps."""
-        light, _ = self.lighting.reflected_radiance(point, to_eye, [element], [coefficients])
-        light = self.lighting.in_groups(light)
+        light: list[Float] = []
+        for part in self.lighting.in_parts():
+            more = part.in_groups(part.reflected_radiance(point, to_eye, [element], [coefficients])[0])
+            dr.eval(more)
+            light = [one + other for one, other in zip(light, more, strict=True)] if light else more
         each, bands = len(coefficients), self.colours.count
         values = [self.colours.values_of(band) for band in range(bands)]
         return [
@@ -143,16 +146,6 @@ def packed(columns: list[Float]) -> Float:
         dr.scatter(values, column, lane * each + k)
     dr.eval(values)
     return values
-
-
-def smooth_extinction(ways: Ways) -> list[Float]:
-    """The nine numbers of σ of every cell, from σ along ways that integrate polynomials of the fourth degree."""
-    jit = arrays()
-    sigma = [dr.zeros(jit.Float, ways.cells.filled)] * NUMBERS
-    for towards, weight, along in ways.sigma_of_all():
-        sigma = [dr.fma(factor, along * weight, old) for factor, old in zip(projected(towards), sigma, strict=True)]
-    dr.eval(sigma)
-    return sigma
 
 
 class Links:

@@ -20,10 +20,9 @@ from hagoromo.transport.field.band_colours import BandColours
 from hagoromo.transport.field.cell_size import densest
 from hagoromo.transport.field.cells import Cells
 from hagoromo.transport.film import scrambled
-from hagoromo.transport.lighting import Lighting, WayToLamp
+from hagoromo.transport.lighting import Lighting
 from hagoromo.transport.materials import Materials
 from hagoromo.transport.medium import Medium
-from hagoromo.transport.sample import Element, TexelHit
 from hagoromo.volume.box import VolumeBox
 
 SAMPLES_AT_ONCE = 1 << 21
@@ -189,7 +188,7 @@ def _kept(medium: Medium, lighting: Lighting, bands: BandColours, kept: UInt, wh
     step = medium.at(dr.full(arrays().UInt, number, dr.width(kept)), place, brick)
     elements, texel_hit = medium.elements(step, None)
     biased = elements[0].shadow_bias is not None  # then each element has shadow rays of its own
-    lights = [_light(lighting, element, point, share, texel_hit) for element in elements[: None if biased else 1]]
+    lights = [lighting.irradiances(each, point, 0.5 * share, texel_hit) for each in elements[: None if biased else 1]]
     parts, count = [], dr.width(kept)
     for k, element in enumerate(elements):
         coefficients = lighting.materials.coefficients(element.material)
@@ -207,21 +206,6 @@ def _with_share(columns: list[NDArray]) -> list[NDArray]:
     """Of columns of `_kept` those with a share in their cell: a cell of none holds nothing."""
     holds = columns[2] > 0.0
     return [column[holds] for column in columns]
-
-
-def _light(
-    lighting: Lighting, element: Element, point: Array3f, share: Float, texel_hit: TexelHit | None
-) -> list[Float]:
-    """Irradiance from every lamp, with shadows."""
-    light = []
-    for lamp in range(len(lighting.lamps)):
-        to_lamp, distance, irradiance = lighting.arriving(lamp, point)
-        if lighting.attenuation is not None:
-            lit = arrays().Bool(True)
-            way = WayToLamp(point, to_lamp, distance, 0.5 * share, 1.0, texel_hit)
-            irradiance = irradiance * lighting.transmittance(lamp, lit, element, way)
-        light.append(irradiance)
-    return light
 
 
 def _points(low: NDArray, size: float, cells: NDArray, some: range, side: int, spread: float) -> Array3f:

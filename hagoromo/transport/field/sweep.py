@@ -2,9 +2,9 @@
 
 Each cell looks along each direction from a place of its own in its matter, drawn at random: from the middles of cells
 alone the ways through them would be too long, and less light would leave the faces of matter than does. Along a ray the
-source S = (light sent per metre) / σ is that of a cell at the middle of the ray's way through it, and in between linear
-in the optical depth. At the edge of matter it goes on as it is. What arrives in a cell is the mean over the ray's way
-through it.
+source S = (light sent per metre) / σ, both of the second order in direction, is that of a cell at the middle of the
+ray's way through it, and in between linear in the optical depth. At the edge of matter it goes on as it is. What
+arrives in a cell is the mean over the ray's way through it.
 
 Enters: σ and S of every cell and direction. Leaves: the incident light, nine numbers a cell and channel (see
 `second_order`), and the share of its own light that a cell gets back.
@@ -59,6 +59,7 @@ class Ways:
         lane = dr.arange(jit.UInt, self.count * PARTS * filled)
         self.sigma = extinction(samples, lane % cells.matter_count, self.at(lane // cells.matter_count)[0])
         dr.eval(self.sigma)
+        self.smooth = smooth_extinction(self)
 
     def at(self, way: UInt) -> tuple[Array3f, Float]:
         """Direction and weight."""
@@ -72,6 +73,20 @@ class Ways:
     def along(self, way: UInt, cell: UInt) -> Float:
         """σ of a cell [1/m]."""
         return dr.gather(arrays().Float, self.sigma, way * self.cells.matter_count + cell)
+
+    def smooth_along(self, way: UInt, cell: UInt) -> Float:
+        """σ of a cell along a way as far as second orders say it, as they say what it sends [1/m].
+
+        Planes send nothing along themselves, which second orders cannot say: over σ itself, which is 0 there, they
+        would send light without bounds.
+        """
+        return second_order([dr.gather(arrays().Float, n, cell) for n in self.smooth]).at(self.at(way)[0])
+
+    def with_sigma(self, numbers: list[Float], way: UInt, cell: UInt) -> list[Float]:
+        """Nine numbers with what σ along a way adds to them."""
+        towards, weight = self.at(way)
+        value = self.along(way, cell) * weight * (1.0 / PARTS)
+        return [dr.fma(value, factor, old) for factor, old in zip(projected(towards), numbers, strict=True)]
 
     def place(self, way: UInt, cell: UInt) -> Array3f:
         """Where a cell looks along a way: at one of its samples of matter, on the grid; each way at another, if it
@@ -106,7 +121,7 @@ class Sources:
         jit, self.cells, self.ways, self.first = arrays(), ways.cells, ways, dr.opaque(arrays().UInt, first)
         lane = dr.arange(jit.UInt, count * ways.cells.filled)
         way, cell = self.first + lane // self.cells.matter_count, lane % self.cells.matter_count
-        away, inverse = -ways.at(way)[0], dr.rcp(dr.fmax(ways.along(way, cell), 1e-30))
+        away, inverse = -ways.at(way)[0], dr.rcp(dr.fmax(ways.smooth_along(way, cell), 1e-30))
         self.sources = [
             second_order([dr.gather(jit.Float, n, cell) for n in numbers]).at(away) * inverse for numbers in sent
         ]
@@ -188,6 +203,20 @@ def collected(
         incident, own = light.added(k, cell, incident, own)
         k += 1
     return incident, own
+
+
+@dr.syntax
+def smooth_extinction(ways: Ways) -> list[Float]:
+    """The nine numbers of σ of every filled cell [1/m], from σ along all ways."""
+    jit = arrays()
+    way, cell = jit.UInt(0), dr.arange(jit.UInt, ways.cells.filled)
+    end = dr.opaque(jit.UInt, ways.count * PARTS)
+    numbers = [dr.zeros(jit.Float, ways.cells.filled) for _ in range(NUMBERS)]
+    while way < end:
+        numbers = ways.with_sigma(numbers, way, cell)
+        way += 1
+    dr.eval(numbers)
+    return numbers
 
 
 @dr.syntax

@@ -74,7 +74,7 @@ class SourcesBack:
 
     def summed(self, k: UInt, way: UInt, cell: UInt, by_sent: Numbers) -> Numbers:
         """`by_sent` of every cell with what came along a way, the one of number k among the present ones."""
-        inverse = dr.rcp(dr.fmax(self.sigma(way, arrays().Int(cell)), 1e-30))
+        inverse = dr.rcp(dr.fmax(self.ways.smooth_along(way, cell), 1e-30))
         place = (k * self.cells.matter_count + cell) * self.channels
         factors = along(-self.ways.at(way)[0])
         each = [self.sums.at(place + c) * inverse for c in range(self.channels)]
