@@ -133,8 +133,9 @@ def parsed(arguments: Sequence[str]) -> functools.partial[int | None]:
     """The command with its arguments, ready to run; `InputError` for wrong use."""
     found = _found(arguments)
     if isinstance(found, str):  # a box breaks a word over its rows: a password in it goes before, it is not found after
-        hidden = _found([PASSWORD.sub("…@", word) for word in arguments])
-        raise InputError(hidden if isinstance(hidden, str) else "wrong use of an address")
+        hidden = [PASSWORD.sub("…@", word) for word in arguments]
+        said = found if hidden == list(arguments) else _found(hidden)
+        raise InputError(said if isinstance(said, str) else "wrong use of an address")
     return found
 
 

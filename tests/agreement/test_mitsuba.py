@@ -99,7 +99,7 @@ def assert_same_radiance(radiance: np.ndarray, mean: np.ndarray, variance: np.nd
     assert not blocks_agree(mean, 1.03 * radiance, variance, BLOCK, relative_bias=OURS_BIAS)
 
 
-@pytest.mark.by_night("30.0-None")
+@pytest.mark.by_night("30.0-None", "3.0-14.0")
 @pytest.mark.parametrize(("tau", "cutoff_deg"), [(TAU, None), (10.0 * TAU, None), (TAU, 14.0)])
 def test_the_march_sees_the_radiance_of_volpath(tau, cutoff_deg):
     """A cloud of optical depth 3, and of 30, with its own shadow: the albedo of matter of spheres is π α.

@@ -61,7 +61,7 @@ def shapes_of_mitsuba():
     }  # fmt: skip
 
 
-@pytest.mark.by_night("area lamps")
+@pytest.mark.nightly
 @pytest.mark.parametrize("light", ["environment", "area lamps"])
 def test_surfaces_in_a_cloud_see_the_light_of_volpath(light):
     both, wall = surfaces()

@@ -48,7 +48,7 @@ def error(scene) -> float:
     return float(np.sqrt(np.mean((mapped - brute) ** 2)) / brute.mean())
 
 
-@pytest.mark.by_night("0.5-0.01", "100.0-0.01", "400.0-0.01")
+@pytest.mark.by_night("0.5-0.01", "100.0-0.01", "400.0-0.01", "0.5-0.04", "10.0-0.04")
 @pytest.mark.parametrize("tolerance", [0.04, 0.01])
 @pytest.mark.parametrize("depth", [0.5, 10.0, 100.0, 400.0])
 def test_halving_the_tolerance_changes_the_picture_by_less(depth, tolerance):

@@ -87,6 +87,7 @@ def tables(folder: Path) -> tuple[str, ...]:
     return "info", "a.json"
 
 
+@pytest.mark.by_night("jpeg", "tables")
 @pytest.mark.parametrize("attack", [exr, jpeg, chunk, tables])
 def test_what_is_too_large_is_refused_before_it_is_taken(tmp_path, attack):
     status, said, most = run(tmp_path, *attack(tmp_path))

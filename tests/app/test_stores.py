@@ -307,7 +307,7 @@ def unreached(s3, monkeypatch):
     forget_sessions()
 
 
-@pytest.mark.by_night("info", "convert")
+@pytest.mark.by_night("info", "convert", "measure")
 @pytest.mark.parametrize("verb", ["measure", "info", "convert", "render"])
 def test_a_store_that_nobody_serves_is_one_line(unreached, refused, scene, tmp_path, verb):
     """Whoever asks; a box there was called no volume box."""

@@ -134,6 +134,7 @@ FAULTS = {
 }  # fmt: skip
 
 
+@pytest.mark.by_night("other type", "other voxels", "infinite", "dense", "cut chunk")
 @pytest.mark.parametrize("name", FAULTS)
 def test_damaged_packed_bricks_are_named_in_one_line_and_the_box_is_read_without(path, name):
     damage, said = FAULTS[name]

@@ -91,7 +91,7 @@ def test_mitsuba_evaluates_the_table_as_the_closed_form(tmp_path, spectral, name
         assert figures[0] < 0.0025 and figures[1] < 0.07 and figures[2] < 0.6, figures
 
 
-@pytest.mark.by_night("spectra")
+@pytest.mark.nightly
 @pytest.mark.parametrize("field", ["spectra", "rgb"])
 def test_a_fit_of_the_written_table_gives_the_parameters_back(tmp_path, field):
     """To half a per cent: what readers interpolate is off in one sense where values curve, which noise would not be."""

@@ -71,6 +71,7 @@ def test_a_bracket_is_better_than_any_of_its_exposures():
         assert np.median(merged.variance[both] / alone.variance[both]) < 1.0 and merged.valid.sum() >= alone.valid.sum()
 
 
+@pytest.mark.by_night("22", "23")
 @pytest.mark.parametrize("seed", [21, 22, 23])
 def test_the_frames_tell_gain_and_read_noise_within_the_stated_errors(seed):
     """Four standard errors each (99.99 % if normal), and errors small enough to be worth stating: 2 % and 5 %."""

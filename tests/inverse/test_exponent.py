@@ -40,6 +40,7 @@ def sphere(to_lamp: np.ndarray, body: str, seed: int = 0) -> np.ndarray:
     return np.where(light < 1.0, np.rint(255.0 * np.clip(noisy, 0.0, 1.0)) / 255.0, np.nan)
 
 
+@pytest.mark.by_night("rough")
 @pytest.mark.parametrize("body", ["matte", "rough", "glossy"])
 def test_linear_values_are_not_called_bent_and_both_errors_of_transfer_are(body):
     to_lamp = lamps(8, 30.0, 75.0)

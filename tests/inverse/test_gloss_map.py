@@ -92,6 +92,7 @@ def test_worn_patch_and_drift_are_mapped(worn):
     assert np.median(maps.beta[sure & WORN]) < 0.65 * np.median(maps.beta[sure & ~WORN])
 
 
+@pytest.mark.nightly
 def test_each_pixel_s_gloss_leaves_noise_where_one_gloss_does_not(worn):
     _, found = worn
     chi_square = found.materials[0].gloss["chi_square"]
@@ -100,6 +101,7 @@ def test_each_pixel_s_gloss_leaves_noise_where_one_gloss_does_not(worn):
     assert np.nanmedian(left**2) == pytest.approx(0.455, abs=0.05)  # the median of χ² with one degree of freedom
 
 
+@pytest.mark.nightly
 def test_bodies_under_the_maps_are_the_true_ones(worn):
     _, found = worn
     known = np.isfinite(found.body.error).all(axis=2) & (found.labels >= 0)

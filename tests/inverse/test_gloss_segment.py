@@ -17,6 +17,7 @@ SEVEN = ((35, 20), (80, -15), (130, 10), (-40, 30), (-75, -10), (10, 60), (-120,
 LEFT = np.repeat([0, 1], [50, 51])[None, :] * np.ones((SIZE, 1), int)
 
 
+@pytest.mark.by_night("other0", "other1")
 @pytest.mark.parametrize("other", [replace(RED, gamma=0.3), replace(RED, beta=0.15), replace(RED, beta=0.0)])
 def test_two_glosses_of_one_colour_are_two_materials(other):
     """19 in 20 lit pixels at least carry the label of their own half: the border is as wide as a patch of pixels."""

@@ -26,7 +26,7 @@ LAMPS = unit([(0.5, 0.47, 0.73), (-0.04, 0.17, 0.98), (-0.6, -0.4, 0.69), (0.7, 
 WIDTHS = np.radians([2.0, 4.0, 6.0]).tolist()  # half the lamp's angle, as seen from the ball
 
 
-@pytest.mark.by_night("1-wide")
+@pytest.mark.by_night("0-smooth", "1-wide")
 @pytest.mark.parametrize("number, kind", list(enumerate(["smooth", "wide", "tight"])))
 def test_lamps_on_a_simulated_ball_are_found_within_a_third_of_a_degree(number, kind):
     """0.3° is a quarter of a pixel on this ball: at worst over directions, sizes, and masks too wide or too tight.

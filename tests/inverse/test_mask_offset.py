@@ -84,6 +84,7 @@ def test_pixels_at_the_outline_hold_no_light_before_a_background_that_is_not_dar
         assert (kept.silhouette == view.silhouette).all()
 
 
+@pytest.mark.by_night("masks-True")
 @pytest.mark.parametrize(("refine", "moved"), [("auto", True), ("none", False), ("masks", True)])
 def test_it_is_said_and_mended_unless_nothing_is_to_be_refined(jug, refine, moved):
     wrong = masks_moved(jug, -3.0).capture

@@ -43,6 +43,7 @@ def seen():
     return rays([pictures, pictures])
 
 
+@pytest.mark.nightly
 def test_near_lamps_are_placed_from_two_balls_in_one_view_within_their_errors(seen):
     """A lamp is 1.1 m away and the balls stand half a metre apart: 0.3° is 13 mm along the ray, to 2 cm of one aslant.
 

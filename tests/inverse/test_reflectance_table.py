@@ -127,7 +127,7 @@ def rgl_file(path, spectra: str, side: int = 96, changed: dict[str, np.ndarray] 
     path.write_bytes(head + body)
 
 
-@pytest.mark.by_night("spectra")
+@pytest.mark.nightly
 @pytest.mark.parametrize("spectra", ["spectra", "rgb"])
 def test_a_table_of_rgl_gives_its_material(tmp_path, spectra):
     """Values on a grid as fine as those of the published tables; between its places Mitsuba interpolates."""

@@ -42,7 +42,7 @@ def photographs(mask, normal, albedo, lamps, to_eye=(0.0, 0.0, 1.0), gloss=0.0, 
     return shown
 
 
-@pytest.mark.by_night("bumpy-0.3")
+@pytest.mark.by_night("ball-0.0", "bumpy-0.3")
 @pytest.mark.parametrize("kind, gloss", [("ball", 0.0), ("bumpy", 0.0), ("bumpy", 0.3)])
 def test_lamps_are_found_from_a_matte_object_within_stated_errors(kind, gloss):
     """1° in the mean, 2.5° at worst, 4 % of strength: the object keeps the model but for shadows, noise and some gloss.

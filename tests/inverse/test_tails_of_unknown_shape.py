@@ -64,6 +64,7 @@ def test_the_right_lobe_gives_better_normals():
     assert error(capture, found) < error(capture, gaussian)
 
 
+@pytest.mark.nightly
 def test_what_is_asked_for_is_done():
     capture = photographed(1)
     for model, wanted in ((GlossModel("gaussian", "neutral"), False), (GlossModel("student-t", "coloured"), True)):

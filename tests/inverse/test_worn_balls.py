@@ -59,6 +59,7 @@ def crossed(apart, turn=0.3):
     return np.where(on, np.clip(light, 0.0, 255.0), 0.0).astype(np.uint8), np.where(on, 255, 0).astype(np.uint8)
 
 
+@pytest.mark.by_night("25.0")
 @pytest.mark.parametrize("apart", [12.0, 16.0, 25.0])
 def test_scratches_that_cross_beside_the_lamp_do_not_take_its_place(apart):
     """Before, the reading lay where they cross, with a stated error of 0.3 px."""

@@ -185,7 +185,7 @@ def same_bits(one: VolumeBox, other: VolumeBox) -> bool:
     return all(np.array_equal(a, b) for a, b in zip(one.bricks.dense(), other.bricks.dense(), strict=True))
 
 
-@pytest.mark.by_night("secondary", "contour", "covert")
+@pytest.mark.by_night("secondary", "contour", "covert", "down")
 @pytest.mark.parametrize("kind", FEATHERS)
 def test_one_seed_one_feather(kind):
     """Bits compared whole, on a coarse lattice."""
@@ -247,6 +247,7 @@ def seen_from_the_front(box: VolumeBox) -> np.ndarray:
     return box.bricks.dense()[0].astype(float).sum(axis=1) * box.voxel_size * box.tau
 
 
+@pytest.mark.nightly
 def test_wings_are_whole(wings):
     """One connected piece a side (26 neighbours), but for crumbs below a thousandth; no holes inside the outline."""
     from scipy.ndimage import binary_fill_holes, label

@@ -25,6 +25,9 @@ def truth(name: str):
     return CASES[name].truth()
 
 
+@pytest.mark.by_night(
+    "ball of flakes-march-0.01", "threads, projected area-march-0.01", "Gaussian ball of grains-march-0.01"
+)  # fmt: skip
 @pytest.mark.parametrize(
     ("name", "shadows", "tolerance"),
     [

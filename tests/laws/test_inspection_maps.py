@@ -98,7 +98,7 @@ def test_the_error_of_the_curvature_is_the_scatter_of_measured_ones(width):
     assert np.sqrt(np.mean(ratio**2)) == pytest.approx(1.0, abs=0.03)
 
 
-@pytest.mark.by_night("60.0")
+@pytest.mark.nightly
 @pytest.mark.parametrize("slope", [45.0, 60.0])
 def test_the_middle_of_a_groove_sees_the_sky_that_its_walls_leave(slope):
     """On a wall of a long V-groove it is ½(1 + sin θ), θ from the normal down to the rim of the other wall."""

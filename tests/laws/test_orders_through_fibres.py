@@ -60,6 +60,7 @@ def drawn(material, count):
     return np.array(way).T, np.stack([np.array(dr.select(good, each, 0.0)) for each in sent])
 
 
+@pytest.mark.by_night("sphere")
 @pytest.mark.parametrize("element", ELEMENTS)
 def test_far_side_body_light_is_drawn_as_it_is_sent(element):
     """χ² against f/∫f of the oracle: every draw has one weight, T."""

@@ -260,6 +260,7 @@ def test_dense_and_nearly_white_matter_is_finite_and_sends_out_less_than_it_take
     assert 0.8 < math.pi * light[..., 0].mean() + math.pi * light[..., 2].mean() < 1.25  # no Lambertian: bright ahead
 
 
+@pytest.mark.by_night("plane", "sphere")
 @pytest.mark.parametrize("element", ELEMENTS)
 def test_draws_follow_what_the_element_sends_there(element):
     """χ² of the directions of a matte element against f/∫f of the float64 oracle; and in every cell of a glossy one
@@ -414,6 +415,7 @@ def test_light_without_an_end_is_refused():
     assert hg.render(scene, hg.Settings(orders=3), mode="path").metadata["walks"] == 1
 
 
+@pytest.mark.by_night("stop1-launches1")
 @pytest.mark.parametrize(("stop", "launches"), [({"samples": 6}, (1, 7, 14)), ({"error": 0.2}, (7,))])
 def test_an_interrupted_picture_goes_on_to_the_bits_of_one_that_was_not(monkeypatch, tmp_path, stop, launches):
     """Between two launches of 3000 walks, of which the last has pixels with more walks than others; as a file."""

@@ -121,7 +121,10 @@ def look(scene):
     return look_at
 
 
-@pytest.mark.by_night("lamps coloured", "odd size", "lamps dimmed", "other bricks", "a lamp close by")
+@pytest.mark.by_night(
+    "lamps coloured", "odd size", "lamps dimmed", "other bricks", "a lamp close by", "voxel size", "grains", "tau",
+    "one row",
+)  # fmt: skip
 @pytest.mark.parametrize("change", CHANGES)
 def test_a_change_compiles_nothing(scene, look, change):
     """After one look at a scene, neither the preview nor the picture of the changed scene compiles a kernel."""

@@ -41,6 +41,7 @@ def solid_angles(lamp, point):
     return ways, np.maximum(-(normals * ways).sum(axis=1), 0.0) * area / distance**2
 
 
+@pytest.mark.by_night("thin")
 @pytest.mark.parametrize("name", TUBES)
 def test_directions_follow_their_density(name):
     """Means over the draws are integrals over what the point sees; a ray in each direction finds the same place."""
@@ -78,7 +79,7 @@ def test_rays_that_miss_see_nothing():
     assert bool(np.array(aside.there).all()) and np.array(aside.distance).item() == pytest.approx(0.9, rel=1e-5)
 
 
-@pytest.mark.by_night("path-stout")
+@pytest.mark.by_night("path-stout", "path-towards", "march-stout")
 @pytest.mark.parametrize("name", TUBES)
 @pytest.mark.parametrize("mode", ["path", "march"])
 def test_a_floor_is_lit_as_by_quadrature(name, mode):
