@@ -97,7 +97,7 @@ def mended(
         left = clock.takes(sums, max(wanted - sums.count, 0.0))
         asked, now = settings.error, error.mended.at_most
         if asked is not None and now > asked:
-            left = clock.takes(sums, error.walks * ((now / asked) ** 2 - 1.0))
+            left = clock.takes(sums, _walks_for(asked, error) - error.walks)
         words = f"{spread(left)} s" if asked is not None else f"about {left:.0f} s"
         progress(min(sums.count / max(wanted, 1.0), 1.0), f"walks, {words} more" if left > 1.0 else "walks")
         if wanted <= sums.count or (settings.error is None and wanted < sums.count + sums.least):
@@ -113,7 +113,7 @@ def _warn(error: FullError, settings: Settings, sums: BlockSums, clock: WalkTime
     if asked is not None and now > asked:
         warnings.warn(
             f"the time of {clock.seconds:g} s has ended the walks of mode full: their error is {now:.2g}, and "
-            f"{asked:g} takes {spread(clock.takes(sums, error.walks * (now / asked) ** 2))} s",
+            f"{asked:g} takes {spread(clock.takes(sums, _walks_for(asked, error)))} s",
             stacklevel=5,
         )
     elif now > BAD:
@@ -140,7 +140,7 @@ def _wanted(
         return min(enough, AT_MOST * error.walks)
     if settings.walks is not None or now <= asked:
         return 0.0
-    needed = error.walks * (now / asked) ** 2
+    needed = _walks_for(asked, error)
     if settings.error is None:
         return float(min(int(min(needed, AT_MOST * error.walks)), MOST_WALKS))
     if settings.seconds is None and (needed > MOST_FULL_WALKS or needed > enough):
@@ -152,6 +152,11 @@ def _wanted(
             "or a time"
         )
     return float(min(int(min(1.2 * needed, AT_MOST * error.walks)) + 1, MOST_FULL_WALKS))
+
+
+def _walks_for(asked: float, error: FullError) -> float:
+    """Walks in all that an error takes by noise alone."""
+    return error.walks * (error.mended.at_most / asked) ** 2
 
 
 def spread(middle: float) -> str:

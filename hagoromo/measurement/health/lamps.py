@@ -102,14 +102,18 @@ def _directions(shading: ShadingSample) -> Array:
     found, count = [], len(shading.values)
     _, g = shading.fit()
     for k in range(count):
-        if count <= MOST_APART:
-            others = shading.usable.copy()
-            others[k] = False
-            _, g = replace(shading, usable=others).fit()
+        g = _by_others(shading, k) if count <= MOST_APART else g
         found.append(_lamp(shading, k, g))
     few = shading.usable.sum(axis=1, keepdims=True) < FEWEST_READINGS
     lamps = np.where(few, shading.direction, np.array(found))
     return lamps / np.maximum(np.linalg.norm(lamps, axis=1, keepdims=True), 1e-300)
+
+
+def _by_others(shading: ShadingSample, number: int) -> Array:
+    """(P, 3) normals times albedo that the photographs but for one give."""
+    others = shading.usable.copy()
+    others[number] = False
+    return replace(shading, usable=others).fit()[1]
 
 
 def _lamp(shading: ShadingSample, number: int, g: Array) -> Array:
@@ -183,9 +187,8 @@ def _worst(few: ShadingSample, direction: Array) -> tuple[int | None, ShadingSam
 
 def _certain(few: ShadingSample, number: int) -> bool:
     """Whether a lamp is off by far more than its direction changes as parts of the object are left out (jackknife)."""
-    others, part = few.usable.copy(), PARTS * np.arange(few.values.shape[1]) // few.values.shape[1]
-    others[number] = False
-    _, g = replace(few, usable=others).fit()
+    count = few.values.shape[1]
+    g, part = _by_others(few, number), PARTS * np.arange(count) // count
     lamps = [_lamp(few, number, g)]
     lamps += [_lamp(few.part(part != left_out), number, g[part != left_out]) for left_out in range(PARTS)]
     length = np.maximum(np.linalg.norm(lamps, axis=1, keepdims=True), 1e-300)
