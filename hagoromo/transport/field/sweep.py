@@ -75,10 +75,10 @@ class Ways:
         return dr.gather(arrays().Float, self.sigma, way * self.cells.matter_count + cell)
 
     def smooth_along(self, way: UInt, cell: UInt) -> Float:
-        """σ of a cell along a way as far as second orders say it, as they say what it sends [1/m].
+        """σ of a cell along a way [1/m], of the second order in direction, as the light that it sends is.
 
-        Planes send nothing along themselves, which second orders cannot say: over σ itself, which is 0 there, they
-        would send light without bounds.
+        Planes send nothing along themselves, but their light of the second order is not 0 there. σ itself is, and
+        light over it would have no bounds.
         """
         return second_order([dr.gather(arrays().Float, n, cell) for n in self.smooth]).at(self.at(way)[0])
 
