@@ -10,6 +10,8 @@ INSTALL := -m pip install --quiet --disable-pip-version-check --only-binary=:all
 QUIET := --output-format min-text --min-severity error
 PACKAGES := hagoromo hagoromo_formats hagoromo_matter hagoromo_page hagoromo_start
 OWN := --no-deps --no-build-isolation -e .
+# bytecode of tests is kept: to rewrite their assertions takes each process 12 s, every time
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: help setup demo test test-all test-slow mutants data docs bench figures fuzz crash package blender platforms schemas cycles constraints audit lowest
 
