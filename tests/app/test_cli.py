@@ -221,6 +221,7 @@ def test_a_recipe_is_built_into_a_box_that_a_scene_renders(tmp_path, capsys):
     assert read_exr(tmp_path / "skin.exr")[0]["A"].max() > 0.99
 
 
+@pytest.mark.nightly
 def test_a_capture_of_unknown_shape_is_measured_from_many_lamps(tmp_path, capsys):
     """Eight far lamps. Tolerance: 1° on average, three times what 12 bits and pixels at the rim leave."""
     lamps = [f"[[lamp]]\nto_lamp = [{0.6 * np.cos(a)}, -1.0, {0.6 * np.sin(a)}]\n" for a in np.arange(8) * np.pi / 4]

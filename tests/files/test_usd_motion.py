@@ -99,6 +99,7 @@ def moving(path, times):
     return found
 
 
+@pytest.mark.by_night("a.usdc")
 @pytest.mark.parametrize("name", ["a.usda", "a.usdc"])
 def test_keyframes_go_out_and_come_back(scene_file, tmp_path, name):
     """Camera and corners at times at and between keyframes and frames, to 1e-6 m; the camera between its samples to the

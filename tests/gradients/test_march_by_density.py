@@ -114,7 +114,7 @@ def ball_and_truth(depth: float, matter: hg.Reflectance) -> tuple[OracleVoxels, 
     return ball, *true_slopes([ball], [DAYLIGHT], [some_change(ball)])
 
 
-@pytest.mark.by_night("sphere-60.0-0.04")
+@pytest.mark.by_night("sphere-60.0-0.04", "plane-60.0-0.04", "plane-2.0-0.04")
 @pytest.mark.parametrize(
     ("matter", "depth", "tolerance"),
     [(GRAINS, depth, tolerance) for depth in (0.1, 2.0, 60.0) for tolerance in (0.04, 0.001)]

@@ -37,6 +37,7 @@ def test_both_are_measured():
     assert [one.gamma for one in found] == pytest.approx([0.15, 0.3], rel=0.03)
 
 
+@pytest.mark.by_night("1.7-angles0")
 @pytest.mark.parametrize("angles", [SEVEN, LAMPS])
 @pytest.mark.parametrize("n", [1.3, 1.7])
 def test_one_gloss_stays_one_whatever_its_refractive_index(angles, n):

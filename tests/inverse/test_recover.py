@@ -214,6 +214,7 @@ def test_a_mesh_file_holds_the_errors_of_its_vertices(recovered, tmp_path):
     assert "position_error" in read.dtype.names and "normal_error" in read.dtype.names
 
 
+@pytest.mark.nightly
 def test_an_interrupt_gives_what_there_is(taken):
     def stop(share, step=""):
         if share > 0.3:

@@ -26,7 +26,9 @@ def truth(name: str):
 
 
 @pytest.mark.by_night(
-    "ball of flakes-march-0.01", "threads, projected area-march-0.01", "Gaussian ball of grains-march-0.01"
+    "ball of flakes-march-0.01", "threads, projected area-march-0.01", "Gaussian ball of grains-march-0.01",
+    *(f"{name}-{how}" for name in ("noisy slab of depth 50", "two equal boxes in one place")
+      for how in ("march-0.01", "map-0.04")),
 )  # fmt: skip
 @pytest.mark.parametrize(
     ("name", "shadows", "tolerance"),

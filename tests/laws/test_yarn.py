@@ -53,6 +53,7 @@ def peirce_length(cloth: Woven, crossed: Yarn, pitch: float, share: float) -> fl
     return (pitch - flat - both * np.sin(angle)) / np.cos(angle) + both * angle + flat
 
 
+@pytest.mark.by_night("0.0-twelve voxels a yarn", "0.0-six voxels a yarn")
 @pytest.mark.parametrize("part", [1, 2], ids=["twelve voxels a yarn", "six voxels a yarn"])
 @pytest.mark.parametrize("uneven", [0.0, 0.08])
 def test_a_cloth_holds_the_fibre_of_its_recipe(part, uneven):
