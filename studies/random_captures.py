@@ -214,24 +214,27 @@ def row_of(seed: int, capture: hg.Capture) -> dict[str, Any]:
     return row
 
 
-def doubts(capture: hg.Capture, seed: int) -> dict[str, list[str]]:
-    """Names of the checks that are doubtful, of the capture as it is ("right") and with each mistake."""
-    said: dict[str, list[str]] = {"right": [one.name for one in hg.check_photographs(capture).doubtful]}
+def states(capture: hg.Capture, seed: int) -> dict[str, dict[str, str]]:
+    """What came out of each check, of the capture as it is ("right") and with each mistake."""
+    said = {"right": _states_of(capture)}
     for number, mistake in enumerate(MISTAKES):
-        changed = mistake(capture, np.random.default_rng([seed, number]))
-        said[mistake.__name__] = [one.name for one in hg.check_photographs(changed).doubtful]
+        said[mistake.__name__] = _states_of(mistake(capture, np.random.default_rng([seed, number])))
     return said
 
 
+def _states_of(capture: hg.Capture) -> dict[str, str]:
+    return {one.name: one.state for one in hg.check_photographs(capture).checks}
+
+
 def studied(seeds: range, out: Path, with_errors: bool = True) -> list[dict[str, Any]]:
-    """A row a seed: `row_of` where with_errors, and `doubts`; scenes are kept in `out`."""
+    """A row a seed: `row_of` where with_errors, and `states`; scenes are kept in `out`."""
     rows = []
     for seed in seeds:
         scene = out / f"scene_{seed}.toml"
         scene.write_text(random_scene(seed), encoding="utf-8")
         capture = hg.simulate(scene)
         row = row_of(seed, capture) if with_errors else {"seed": seed}
-        row["doubts"] = doubts(without_shape(capture), seed)
+        row["checks"] = states(without_shape(capture), seed)
         rows.append(row)
         print(json.dumps(row), flush=True)
     return rows
@@ -256,14 +259,17 @@ def percent(share: float | None) -> str:
 
 
 def named(rows: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
-    """Of each mistake: how many captures were doubted where it is named, how many at all, of how many."""
-    lines: list[tuple[str, ...]] = [
-        ("none", "–", str(sum(bool(row["doubts"]["right"]) for row in rows)), str(len(rows)))
-    ]
+    """Of each mistake: in how many captures it is named, in how many its checks are good, how many are doubted at all,
+    of how many.
+    """
+    right = [list(row["checks"]["right"].values()) for row in rows]
+    lines: list[tuple[str, ...]] = [("none", "–", "–", str(sum("doubtful" in one for one in right)), str(len(rows)))]
     for mistake, where in MISTAKES.items():
-        said = [row["doubts"][mistake.__name__] for row in rows]
-        right = sum(bool(set(where) & set(one)) for one in said)
-        lines.append((mistake.__name__, str(right), str(sum(map(bool, said))), str(len(said))))
+        said = [row["checks"][mistake.__name__] for row in rows]
+        found = sum("doubtful" in [one[name] for name in where] for one in said)
+        good = sum({one[name] for name in where} == {"good"} for one in said)
+        doubted = sum("doubtful" in one.values() for one in said)
+        lines.append((mistake.__name__, *map(str, (found, good, doubted, len(said)))))
     return lines
 
 
@@ -279,7 +285,9 @@ def main(out: Path, first: int = 0, seeds: int = SEEDS, errors: bool = True, for
         (home / "random_captures.json").write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
     if errors:
         print_table("Photographs kept aside: relative errors [%]", ERROR_COLUMNS, table(rows))
-    print_table("Mistakes that the checks name", ("mistake", "named", "doubted", "captures"), named(rows))
+    print_table(
+        "Mistakes that the checks name", ("mistake", "named", "called good", "doubted", "captures"), named(rows)
+    )
 
 
 if __name__ == "__main__":

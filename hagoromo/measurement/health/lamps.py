@@ -81,10 +81,10 @@ def fitted_lamps(shading: ShadingSample, powers: Sequence[float] = POWERS) -> Fi
     return best._replace(direction=_directions(replace(even, values=np.maximum(even.values, 1e-300) ** best.power)))
 
 
-def _strengths(few: ShadingSample, power: float) -> FittedLamps:
-    """Strengths with which values to that power follow light best."""
+def _strengths(few: ShadingSample, power: float, start: Array | None = None) -> FittedLamps:
+    """Strengths with which values to that power follow light best. start: (K,) logarithms that the search begins at."""
     few = replace(few, values=np.maximum(few.values, 1e-300) ** power)
-    log_strength = np.zeros(len(few.values))
+    log_strength = np.zeros(len(few.values)) if start is None else power * start
     for _ in range(TURNS):
         even = replace(few, values=few.values / np.exp(log_strength)[:, None])
         _, g = even.fit()
@@ -143,7 +143,7 @@ def strengths_check(shading: ShadingSample, found: FittedLamps) -> Check:
     spread = 100.0 * found.spread
     if not found.uneven:
         said = f"the lamps are as strong beside one another as stated, to {spread:.2g} %"
-        return _unless_hidden("strengths", said, f"{STRONGER:g} times as strong", _stronger_ones(shading.few()))
+        return _unless_hidden("strengths", said, f"{STRONGER:g} times as strong", _stronger_ones(shading.few(), found))
     far = int(np.argmax(np.abs(np.log(found.strength))))
     return doubtful(
         "strengths",
@@ -198,13 +198,12 @@ def _turned_ones(few: ShadingSample, direction: Array) -> list[bool]:
     return noticed
 
 
-def _stronger_ones(few: ShadingSample) -> list[bool]:
-    """Whether a lamp is named that is stronger than stated."""
+def _stronger_ones(few: ShadingSample, plain: FittedLamps) -> list[bool]:
+    """Whether a lamp is named that is stronger than stated. plain: the lamps with none that is."""
     noticed = []
     for k in _tried(few):
-        values = few.values.copy()
-        values[k] *= STRONGER
-        found = _strengths(replace(few, values=values), 1.0)
+        more = np.where(np.arange(len(few.values)) == k, STRONGER, 1.0)
+        found = _strengths(replace(few, values=few.values * more[:, None]), 1.0, np.log(plain.strength * more))
         noticed.append(found.uneven and int(np.argmax(np.abs(np.log(found.strength)))) == k)
     return noticed
 
