@@ -14,7 +14,6 @@ from typing import Any
 
 import drjit as dr
 import numpy as np
-import tyro
 from numpy.typing import NDArray
 from PIL import Image
 from scipy import ndimage
@@ -24,6 +23,7 @@ from hagoromo.backend import arrays
 from hagoromo.light.colour import srgb_encode
 from hagoromo.matter import shape as sd
 from hagoromo_matter.noise import value_noise
+from studies.command import command
 from studies.recover_scenes import DISTANCE, Shots, TrueObject, simulated
 
 Array = NDArray[np.float64]
@@ -95,4 +95,4 @@ def _shots(count: int, width: int) -> Shots:
 
 
 if __name__ == "__main__":
-    tyro.cli(all_around)
+    command(all_around)

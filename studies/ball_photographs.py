@@ -14,11 +14,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tyro
 from numpy.typing import NDArray
 
 import hagoromo as hg
 from studies.ball_conditions import CHROME, GLOSSY
+from studies.command import command
 from studies.simulated_balls import BallSet, ball_set
 from studies.table import print_table
 
@@ -179,4 +179,4 @@ def _shown(name: str, row: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    command(main)

@@ -14,9 +14,9 @@ from pathlib import Path
 
 import matplotlib
 import numpy as np
-import tyro
 
 import hagoromo as hg
+from studies.command import command
 
 PYTHON = Path(".venv/cycles/bin/python")
 ROWS = (("light of the first order", "march", "cycles_1"), ("light of all orders", "full", "cycles"))
@@ -59,4 +59,4 @@ def main(out: Path = Path("out/blender"), force: bool = False) -> None:
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    command(main)

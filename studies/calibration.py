@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tyro
 from numpy.typing import NDArray
 
 import hagoromo as hg
+from studies.command import command
 from studies.table import print_table
 
 Array = NDArray[np.float64]
@@ -148,4 +148,4 @@ def main(out: Path, force: bool = False) -> None:
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    command(main)

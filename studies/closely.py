@@ -13,12 +13,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import tyro
 from numpy.typing import NDArray
 
 import hagoromo as hg
 from hagoromo.image.film.film import strip
 from studies.chromium import chromium_page
+from studies.command import command
 from studies.published import CLAY, GLAZE, SIDE, feather, scene_of
 
 CRACK_DEPTH, CRACK_WIDTH = 1.2e-4, 0.012  # m, and of half the side of the tile
@@ -104,4 +104,4 @@ def main(out: Path, force: bool = False) -> None:
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    command(main)

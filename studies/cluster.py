@@ -13,13 +13,12 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-import tyro
-
 import hagoromo as hg
 from studies.cluster_bench import measured
 from studies.cluster_orders import figure_of_modes, figure_rows, full_rows, on_paper
 from studies.cluster_page import write_cluster_page
 from studies.cluster_simulation import Machines, SimulatedWork, simulate
+from studies.command import command
 
 WORKERS = (1, 3, 10, 32, 100, 320, 1000)
 FRAMES, RAYS = 192, 4 * 3840 * 2160  # 8 s of 24 frames; 4 rays a pixel
@@ -108,4 +107,4 @@ def main(out: Path, demo: Path | None = None, force: bool = False) -> None:
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    command(main)

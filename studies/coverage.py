@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tyro
 
 import hagoromo as hg
 from hagoromo.app.shared_options import HERE, Scheduler
 from hagoromo.cluster.cluster import mapped
+from studies.command import command
 from studies.coverage_bench import BENCHES, FULL_WELLS, CoverageBench, TrueMaterial, drawn, observed
 from studies.coverage_page import write_coverage_page
 
@@ -104,4 +104,4 @@ def main(out: Path, simulations: int = SIMULATIONS, scheduler: Scheduler = HERE,
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    command(main)

@@ -11,12 +11,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import tyro
 from numpy.typing import NDArray
 from PIL import Image
 
 import hagoromo as hg
 from hagoromo.camera.camera import unplaced_camera
+from studies.command import command
 
 Array = NDArray[np.float64]
 OBJECT, BALL = ((0.14, 0.0, 0.0), 0.24), ((-0.32, 0.05, 0.0), 0.12)  # centre and radius, in picture widths
@@ -120,4 +120,4 @@ def main(out: Path, lamps: int = 48, width: int = 240, seed: int = 0, force: boo
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    command(main)

@@ -16,13 +16,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tyro
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
 import hagoromo as hg
 from hagoromo.measurement.normals.gloss_estimate import measurement_of
 from hagoromo.measurement.surface.depth import DepthSurface, surface_of
+from studies.command import command
 from studies.faulty_balls import BETA, CONDITIONS, GAMMA, PIXEL, FaultyBall, faulty_ball
 from studies.table import print_table
 from studies.uw_psm import read_lamps, read_object, sphere_normals
@@ -169,4 +169,4 @@ def _cell(key: str, value: float | None) -> str:
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    command(main)

@@ -24,6 +24,7 @@ from hagoromo.image.full_picture import batches_and_bands
 from hagoromo.image.full_walks import FOLDS, BlockSums, PictureBlocks, WalkThrough, in_blocks, walks_here
 from hagoromo.image.prepared_scene import SceneCache
 from hagoromo_matter.demo.figures import Cast
+from studies.command import command
 from studies.full_error import PIXELS, RAYS, SCENES, write_page
 from studies.gallery.gallery_item import changed
 from studies.gallery.gallery_items import ITEMS
@@ -168,4 +169,4 @@ def main(
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    command(main)

@@ -16,11 +16,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import tyro
-
 import hagoromo as hg
 from hagoromo.image.modes import Shadows
 from hagoromo.transport.frames import DEFAULT_TOLERANCE, LONGEST_STEP
+from studies.command import command
 from studies.first_order_page import write_first_order_page
 from studies.table import print_table
 from tests.oracle.blocks import DEPTHS, FACES, HEIGHTS, error_and_ratio_by_lamp, light_over_closed_form
@@ -144,4 +143,4 @@ def main(out: Path, force: bool = False) -> None:
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    command(main)

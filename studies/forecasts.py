@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tyro
 from tyro.conf import Positional
 
 import hagoromo as hg
@@ -26,6 +25,7 @@ from hagoromo.measurement.lamp_departure import lamp_departure
 from hagoromo.measurement.normals.photometric_model import predicted
 from hagoromo.measurement.surface.depth import surface_from_normals
 from studies.cast_shadow import lit_share
+from studies.command import command
 from studies.glossy_objects import OBJECTS as SIMULATED
 from studies.glossy_objects import ROUGH, STRENGTH_ERROR, glossy_object
 from studies.table import print_table
@@ -141,4 +141,4 @@ def _shown(rows: Sequence[dict[str, Any]]) -> list[tuple[str, ...]]:
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    command(main)

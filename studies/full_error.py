@@ -20,6 +20,7 @@ import tyro
 from numpy.typing import NDArray
 
 import hagoromo as hg
+from studies.command import command
 from studies.orders import BEHIND, BLOCK, SUBJECTS, Subject, box_of, in_blocks
 from studies.orders import scene_of as scene_of_recipe
 
@@ -178,4 +179,4 @@ def write_page(out: Path) -> None:
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    command(main)

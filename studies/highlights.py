@@ -17,7 +17,6 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-import tyro
 from numpy.typing import NDArray
 
 import hagoromo as hg
@@ -30,6 +29,7 @@ from hagoromo.measurement.normals.normals import (
 )
 from hagoromo.measurement.normals.photometric_model import predicted
 from hagoromo.measurement.normals.shading import shading
+from studies.command import command
 from studies.mirror_objects import OBJECTS, MirrorObject, mirror_object
 from studies.table import print_table
 
@@ -238,4 +238,4 @@ def main(out: Path, objects: tuple[str, ...] = OBJECTS, lamps: int = 96, size: i
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    command(main)

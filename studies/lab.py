@@ -13,10 +13,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import tyro
 from numpy.typing import NDArray
 
 import hagoromo as hg
+from studies.command import command
 
 Array = NDArray[np.float64]
 LENS = (-0.3, 0.5, 0.0, 0.0, 0.0)  # k1 k2 p1 p2 k3: 1 % in the corners of so narrow a view
@@ -196,4 +196,4 @@ def main(out: Path, width: int = 480, seed: int = 0, force: bool = False) -> Non
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    command(main)

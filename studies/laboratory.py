@@ -11,12 +11,11 @@ import shutil
 import threading
 from pathlib import Path
 
-import tyro
-
 import hagoromo as hg
 from hagoromo_page.lab.laboratory import Laboratory
 from hagoromo_page.lab.server import LabServer
 from studies.chromium import chromium_page
+from studies.command import command
 from studies.dome import dome
 
 WINDOW = 1400, 900  # px
@@ -67,4 +66,4 @@ def main(out: Path, force: bool = False) -> None:
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    command(main)

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tyro
 from numpy.typing import NDArray
 from tyro.conf import Positional
 
@@ -22,6 +21,7 @@ from hagoromo.calibration.lamps import matte_ball, reference_strength
 from hagoromo.calibration.lamps.outline import refined
 from hagoromo.calibration.lamps.uncalibrated import self_calibrate
 from hagoromo.calibration.lamps.uncalibrated.calibrate_from_object import refined_lamps
+from studies.command import command
 from studies.real import read_directions
 from studies.uw_psm import LAMPS, OBJECT_LEVEL, OBJECTS, read_lamps
 
@@ -122,4 +122,4 @@ def main(folder: Positional[Path], out: Path, force: bool = False) -> None:
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    command(main)

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tyro
 from numpy.typing import NDArray
 from tyro.conf import Positional
 
@@ -27,6 +26,7 @@ from hagoromo.measurement.material.lack_of_fit import LEVEL
 from hagoromo.measurement.material.material_objective import expected
 from hagoromo.measurement.material.model_choice import Facets, Interface, choose_fit
 from hagoromo.measurement.parameters import unpack_theta
+from studies.command import command
 from studies.goniometer import cosines_of, goniometer, readings
 from studies.merl_page import write_merl_page
 from studies.merl_rival import GGX, GGX_COLOURED, RIVALS, fit_rival
@@ -192,4 +192,4 @@ def main(folder: Positional[Path], out: Path, scheduler: Scheduler = HERE, force
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    command(main)

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 import hagoromo as hg
 from hagoromo.image.modes import Mode
+from studies.command import command
 from studies.modes_scenes import ORDER, SceneFolders, scene_of, title_of
 from studies.orders import BLOCK, MODES, beside_path, images_of, in_blocks, row
 
@@ -168,4 +169,4 @@ def main(
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    command(main)

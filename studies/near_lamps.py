@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tyro
 
 import hagoromo as hg
 from hagoromo.app.shared_options import HERE, Scheduler
 from hagoromo.cluster.cluster import mapped
+from studies.command import command
 from studies.near_rig import SURFACE_DISTANCE, Finish, NearRig, read_rig, ring_rig, simulate, sphere, waves
 
 GAMMAS = (0.05, 0.1, 0.2, 0.35, 0.5)
@@ -78,4 +78,4 @@ def main(
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    command(main)

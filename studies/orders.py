@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 import hagoromo as hg
 from hagoromo.image.modes import Mode
+from studies.command import command
 from studies.orders_colour import colour_row
 from studies.orders_colour import plot as plot_colour
 from studies.table import print_table
@@ -215,4 +216,4 @@ def main(
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    command(main)

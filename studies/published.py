@@ -11,11 +11,11 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-import tyro
 from numpy.typing import NDArray
 
 import hagoromo as hg
 from studies.chromium import chromium_page
+from studies.command import command
 
 SIZE, SIDE, PIXELS = 0.06, 321, 340  # side of the tile [m], vertices along it, pixels of the photographs
 RELIEF = 0.0016  # height of the feather [m]
@@ -125,4 +125,4 @@ def main(out: Path, force: bool = False) -> None:
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    command(main)

@@ -18,12 +18,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tyro
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
 import hagoromo as hg
 from studies import mistakes
+from studies.command import command
 from studies.table import print_table
 
 Array = NDArray[Any]
@@ -291,4 +291,4 @@ def main(out: Path, first: int = 0, seeds: int = SEEDS, errors: bool = True, for
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    command(main)

@@ -19,12 +19,12 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-import tyro
 from numpy.typing import NDArray
 
 import hagoromo as hg
 from hagoromo.image.modes import Mode
 from studies import full_error
+from studies.command import command
 from studies.drawn_scenes import drawn_scene
 from studies.orders import in_blocks
 
@@ -241,4 +241,4 @@ def main(
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    command(main)

@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tyro
 from numpy.typing import NDArray
 from tyro.conf import Positional
 
 import hagoromo as hg
+from studies.command import command
 from studies.encoding import encoding_study
 from studies.leave_one_out import NORMAL_METHODS
 from studies.object_study import study_object
@@ -111,4 +111,4 @@ def _cells(record: dict[str, Any], method: str) -> list[str]:
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    command(main)

@@ -16,11 +16,11 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-import tyro
 
 import hagoromo as hg
 from hagoromo.backend import vectors
 from hagoromo.files.png import write_png
+from studies.command import command
 from studies.drawn_objects import DrawnCapture, drawn_capture
 from studies.recovery_scores import covered, held_words, psnr, said_words, shape_errors, stated
 
@@ -170,4 +170,4 @@ def main(out: Path, first: int = 0, seeds: int = SEEDS) -> None:
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    command(main)

@@ -14,13 +14,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import tyro
 from numpy.typing import NDArray
 from tyro.conf import Positional
 
 import hagoromo as hg
 from hagoromo.image.relight.learnt import Learnt, learn
 from hagoromo.measurement.normals.normals import least_squares_fit
+from studies.command import command
 from studies.predicted_photograph import forecast
 from studies.relit_objects import HELD
 from studies.rig import evened, flat_field, unevenness
@@ -175,4 +175,4 @@ def main(folder: Positional[Path], out: Path, shrink: int = 2, force: bool = Fal
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    command(main)

@@ -16,13 +16,13 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-import tyro
 from markupsafe import Markup
 from tyro.conf import Positional
 
 import hagoromo as hg
 from hagoromo.calibration.rig.calibrate_rig import object_readings, rig_of
 from hagoromo.measurement.lamp_departure import solve_uneven_lamps
+from studies.command import command
 from studies.glossy_objects import GLOSSY, glossy_object
 from studies.table import print_table
 from studies.uw_psm import LAMPS, OBJECTS, read_lamps, read_object, shrunk
@@ -169,4 +169,4 @@ def main(
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    command(main)

@@ -12,11 +12,11 @@ from pathlib import Path
 from textwrap import fill
 
 import numpy as np
-import tyro
 from numpy.typing import NDArray
 from tyro.conf import Positional
 
 from hagoromo.calibration.response.curve_process import KNEE, NODES, PublishedCurve, published_process
+from studies.command import command
 from studies.spectra_bench import CAMERAS, OTHERS, read_cameras, read_rawtoaces
 
 MEASURED_NM = (400.0, 720.0)  # of camspec's curves, and the range over which a curve has mean 1
@@ -110,4 +110,4 @@ def main(folder: Positional[Path]) -> None:
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    command(main)

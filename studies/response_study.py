@@ -16,13 +16,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tyro
 from tyro.conf import Positional
 
 import hagoromo as hg
 from hagoromo.app.shared_options import HERE, Scheduler
 from hagoromo.calibration.response.calibrate_response import overlap_matrix, solve_response
 from hagoromo.cluster.cluster import mapped
+from studies.command import command
 from studies.response_bench import (
     CURVE_WAVELENGTHS,
     LEAST_PEAK_SHARE,
@@ -163,4 +163,4 @@ def _cells(row: dict[str, Any], key: str) -> list[str]:
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    command(main)

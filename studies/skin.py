@@ -11,11 +11,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import tyro
 from numpy.typing import NDArray
 
 import hagoromo as hg
 from hagoromo.reflectance.pigment import Pigment, skin_colour
+from studies.command import command
 
 LAMPS = {"daylight": "D65", "halogen": "A", "tube": "FL11"}
 CAMERA = "Nikon 5100 (NPL)"
@@ -82,4 +82,4 @@ def main(out: Path, seed: int = 0, force: bool = False) -> None:
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    command(main)

@@ -10,10 +10,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import tyro
 from tyro.conf import Positional
 
 import hagoromo as hg
+from studies.command import command
 from studies.spectra_bench import CAMERAS, SOURCES, SPECTRA_NOISE, TARGETS, SpectraBench, read_bench
 from studies.spectra_cases import SpectraCase, chart_case, skin_cases, study_case, surfaces_case
 from studies.spectra_report import write_spectra_report
@@ -94,4 +94,4 @@ def _cells(row: dict[str, Any]) -> list[str]:
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    command(main)

@@ -19,13 +19,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import tyro
 from tyro.conf import Positional
 
 import hagoromo as hg
 from hagoromo.image.modes import Mode
 from hagoromo_matter.demo.figure_scene import camera_of, cast_of, resized_scene, write_figure_scene
 from hagoromo_matter.demo.figures import PAPER_FIGURES
+from studies.command import command
 
 PREVIEW, QUALITY = 540, 82  # px along the longer side, and of JPEG
 SAMPLES = 4  # rays, or walks of mode path, a pixel
@@ -247,4 +247,4 @@ def stated(row: Mapping[str, Any]) -> str:
 
 
 if __name__ == "__main__":
-    tyro.cli(stills)
+    command(stills)

@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tyro
 from numpy.typing import NDArray
 from tyro.conf import Positional
 
@@ -25,6 +24,7 @@ from hagoromo_formats.reflectances.merl import BINS, SCALE, directions, read_mer
 from hagoromo_formats.reflectances.rgl import read_rgl
 from hagoromo_formats.reflectances.rgl_out import write_rgl_table
 from hagoromo_formats.relightable.measured_brdf import CHANNELS, FAINT, measured_brdf
+from studies.command import command
 from studies.merl_truth import Truth, read_truths
 
 Array = NDArray[np.float64]
@@ -172,4 +172,4 @@ def main(folder: Positional[Path], out: Path, force: bool = False) -> None:
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    command(main)

@@ -18,9 +18,9 @@ from glob import glob
 from pathlib import Path
 
 import numpy as np
-import tyro
 
 import hagoromo as hg
+from studies.command import command
 from studies.dome import dome
 from studies.published import picture
 from studies.skin import skin
@@ -71,4 +71,4 @@ def main(out: Path, force: bool = False) -> None:
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    command(main)

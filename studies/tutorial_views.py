@@ -11,8 +11,9 @@ import re
 import subprocess
 from pathlib import Path
 
-import tyro
 from PIL import Image
+
+from studies.command import command
 
 PAGE = Path(__file__).parents[1] / "docs" / "tutorial_views.md"
 EDGE = 320  # px of each picture of the row
@@ -41,4 +42,4 @@ def tutorial_views(out: Path) -> None:
 
 
 if __name__ == "__main__":
-    tyro.cli(tutorial_views)
+    command(tutorial_views)

@@ -13,12 +13,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import tyro
-
 import hagoromo as hg
 from hagoromo_page.viewer.browser import Browser
 from hagoromo_page.viewer.open_desk import open_desk
 from studies.chromium import chromium_page
+from studies.command import command
 from studies.published import tile_scene
 
 WINDOW = 1240, 720  # px
@@ -122,4 +121,4 @@ def main(out: Path, force: bool = False) -> None:
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    command(main)

@@ -20,6 +20,7 @@ import tyro
 from numpy.typing import NDArray
 
 import hagoromo as hg
+from studies.command import command
 from studies.table import print_table
 from studies.walk_noise_scenes import NoisyScene, noisy_scenes
 
@@ -149,4 +150,4 @@ def main(recipes: tyro.conf.Positional[Path], out: Path, runs: int = RUNS, force
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    command(main)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import hagoromo as hg
+from studies.command import command
 from studies.relit_limits import COLUMNS, page
 from studies.uw_psm import shrunk
 
@@ -191,3 +192,14 @@ def test_the_table_of_limits_has_less_error_than_lambert_in_brackets():
     errors = {key: [0.05, 0.07] for key in COLUMNS} | {"lambert": [0.10, 0.14], "lambert_rig": [0.08, 0.08]}
     row = page({"vase": errors}, 4).splitlines()[-1]
     assert row.split(" | ")[1:3] == ["12.0", "6.0 (+50)"] and "8.0 (+33)" in row and "6.0 (+25)" in row
+
+
+def test_bad_input_of_a_study_is_one_line_and_status_2(monkeypatch, capsys):
+    def study(lamps: int = 6) -> None:
+        raise hg.InputError(f"a study of {lamps} lamps needs more of them: give 12")
+
+    monkeypatch.setattr("sys.argv", ["study", "--lamps", "3"])
+    with pytest.raises(SystemExit) as ended:
+        command(study)
+    assert ended.value.code == 2
+    assert capsys.readouterr().err == "a study of 3 lamps needs more of them: give 12\n"
