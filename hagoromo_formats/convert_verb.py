@@ -40,12 +40,12 @@ def convert(
     lensfun: Path | None = None,
     force: Force = False,
 ) -> None:
-    """Cameras in the format of one program → another's, or with their images → a capture; lamps → an .lp; a volume
-    (OpenVDB, NRRD, NIfTI, VTI, TIFF stack, …) → a volume box; a box → OpenVDB, NRRD, VTI, .vol;
-    a picture → EXR, HDR, TIFF (16 bits), PNG; a photograph → its camera, by lensfun;
-    a glTF, USD or Mitsuba scene (.xml) → a folder with scene.toml; a scene.toml → .glb, .usda, .usdc, .usdz, or
-    without a suffix a folder for Mitsuba;
-    a mesh → PLY, OBJ, STL, OFF, GLB, USD.
+    """Cameras, lamps, volumes, pictures, scenes or meshes in the format of one program → that of another.
+
+    Cameras with their images → a capture; lamps → an .lp; a volume (OpenVDB, NRRD, NIfTI, VTI, TIFF stack, …) → a
+    volume box; a box → OpenVDB, NRRD, VTI, .vol; a picture → EXR, HDR, TIFF (16 bits), PNG; a photograph → its camera,
+    by lensfun; a glTF, USD or Mitsuba scene (.xml) → a folder with scene.toml; a scene.toml → .glb, .usda, .usdc,
+    .usdz, or without a suffix a folder for Mitsuba; a mesh → PLY, OBJ, STL, OFF, GLB, USD.
 
     Args:
         source: transforms.json, OpenCV's YAML or JSON, a folder of COLMAP's, a _par.txt; volume, box, or picture.

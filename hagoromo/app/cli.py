@@ -39,7 +39,19 @@ from hagoromo.app.interrupt import exit_status, signals_as_interrupt, wait_for_k
 from hagoromo.app.progress_bar import progress_bar
 from hagoromo.app.render_verb import render
 from hagoromo.app.shared_options import AS_ON_SRGB, AS_STATED, HERE, LookOfPicture, Scheduler, Sensor
-from hagoromo.app.verb import Force, Out, load_verbs, picture_or_film, say, verb, verbs, with_picture, wrote
+from hagoromo.app.verb import (
+    Force,
+    Out,
+    abouts,
+    load_verbs,
+    overview,
+    picture_or_film,
+    say,
+    verb,
+    verbs,
+    with_picture,
+    wrote,
+)
 from hagoromo.errors import InputError
 from hagoromo.files.finite import finite_json
 from hagoromo.files.memory import is_shortage, shortage
@@ -57,7 +69,8 @@ DESCRIPTION = f"From calibrated photographs to measured reflectance, volume boxe
 PASSWORD = re.compile(r"[^\s=:/]*:[^\s]*@")  # a user, and a password, before the host of an address
 ANSI = re.compile(r"\x1b\[[0-9;]*m")
 
-verbs.command(calibrations, name="calibrate", help="Calibrate a camera, its response, or lamps.")
+abouts["calibrate"] = "Calibrate a camera, its response, lamps, or a rig of lamps."
+verbs.command(calibrations, name="calibrate", help=abouts["calibrate"])
 load_verbs()
 
 
@@ -87,9 +100,14 @@ def _run(arguments: list[str], ends: bool) -> int:
     if arguments == ["--version"]:
         print(f"hagoromo {hg.__version__}")
         return DONE
+    if arguments in (["-h"], ["--help"]):
+        print(overview(DESCRIPTION))
+        return DONE
 
     def run() -> int | None:
         words, options = taken(arguments)
+        if not words:
+            raise InputError("no command was given: `hagoromo --help` lists them")
         with everywhere(options), signals_as_interrupt():
             return parsed(words)()
 

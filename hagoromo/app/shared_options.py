@@ -18,9 +18,13 @@ if TYPE_CHECKING:
 class SchedulerOptions:
     """Where the work is done. A recipe of a batch may not state them: a scheduler can run programs on this machine."""
 
-    scheduler: str | None = None
-    """run on Dask's workers: a number of processes here, local (one a core), or the address of a scheduler that runs:
-    tls://host:8786, or tcp://host:8786 with --trust-scheduler."""
+    scheduler: Annotated[
+        str | None,
+        arg(
+            help="run on Dask's workers: a number of processes here, local (one a core), or the address of a scheduler "
+            "that runs: tls://host:8786, or tcp://host:8786 with --trust-scheduler."
+        ),
+    ] = None
 
     trust_scheduler: bool = False
     """whoever answers at the address tcp://… may run programs on this machine: only where nobody else can answer."""
@@ -45,10 +49,14 @@ HERE = SchedulerOptions()
 class SensorOptions:
     """Facts that the files of the photographs do not state."""
 
-    transfer: str | None = None
-    """transfer curve of 8-bit photographs: linear, srgb, estimate (develop: from the exposures of its bracket; capture:
-    from --bracket, or one of linear and srgb by the shading of the object), or a CSV with the columns number and light
-    (or R, G, B)."""
+    transfer: Annotated[
+        str | None,
+        arg(
+            help="transfer curve of 8-bit photographs: linear, srgb, estimate (develop: from the exposures of its "
+            "bracket; capture: from --bracket, or one of linear and srgb by the shading of the object), or a CSV with "
+            "the columns number and light (or R, G, B)."
+        ),
+    ] = None
 
     exposures: tuple[float, ...] = ()
     """exposure times of the photographs [s], if their files do not state them; capture takes one for all, too."""
@@ -83,16 +91,24 @@ AS_STATED = SensorOptions()
 class LookOptions:
     """How the PNG shows the picture; the EXR stays linear."""
 
-    display: str | None = None
-    """what the PNG is made for: sRGB (default), Display P3, or a view of ACES, such as "ACES 2.0 - SDR 100 nits
-    (Rec.709)"; with --view or --ocio a display of that configuration (default: its own)."""
+    display: Annotated[
+        str | None,
+        arg(
+            help='what the PNG is made for: sRGB (default), Display P3, or a view of ACES, such as "ACES 2.0 - SDR 100 '
+            'nits (Rec.709)"; with --view or --ocio a display of that configuration (default: its own).'
+        ),
+    ] = None
 
     view: str | None = None
     """view of the display, in the configuration of --ocio (default: the display's own); a wrong one lists all."""
 
-    ocio: str | None = None
-    """configuration of OpenColorIO: a file (.ocio, .ocioz), or one of its own, such as
-    ocio://cg-config-latest (default: ACES 2.0; pip install 'hagoromo[display]')."""
+    ocio: Annotated[
+        str | None,
+        arg(
+            help="configuration of OpenColorIO: a file (.ocio, .ocioz), or one of its own, such as "
+            "ocio://cg-config-latest (default: ACES 2.0; pip install 'hagoromo[display]')."
+        ),
+    ] = None
 
     exposure: float = 0.0
     """stops by which the PNG is brighter than of itself, when its brightest half percent is near white."""

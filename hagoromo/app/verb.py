@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import functools
 import glob
+import inspect
 import os
+import shutil
 import sys
+import textwrap
 from collections.abc import Callable
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -21,7 +24,9 @@ from hagoromo.errors import escaped
 Out = Annotated[Path, arg(help="where to write the result")]
 Force = Annotated[bool, arg(help="replace an existing result")]
 
+CONTINUED = " " * 8  # before a further line of an argument, in a docstring
 verbs = tyro.extras.SubcommandApp()
+abouts: dict[str, str] = {}  # of the commands of `verbs`: the first paragraphs of their docstrings
 _writes: dict[Callable[..., Any], Writes] = {}
 
 
@@ -80,15 +85,40 @@ def verb(
     """
 
     def register(function: Callable[..., Any]) -> Callable[..., Any]:
+        function.__doc__ = unbroken(function.__doc__ or "")
+
         @functools.wraps(function)
         def prepared(*args: Any, **kwargs: Any) -> Callable[[], Any]:
             return functools.partial(run_staged, function, *args, **kwargs)
 
         _writes[function] = writes
+        if group is verbs:
+            abouts[name or function.__name__] = function.__doc__.partition("\n\n")[0].replace("\n", " ")
         group.command(prepared, name=name or function.__name__)
         return function
 
     return register
+
+
+def overview(description: str) -> str:
+    """What `hagoromo --help` prints: a few lines for each command, whose own help says the rest."""
+    columns = shutil.get_terminal_size().columns
+    indent = max(map(len, abouts)) + 4
+    lines = (f"  {name}".ljust(indent) + about for name, about in sorted(abouts.items()))
+    wrapped = (textwrap.fill(line, columns, subsequent_indent=" " * indent, break_long_words=False) for line in lines)
+    head = "usage: hagoromo COMMAND ...", "", textwrap.fill(description, columns), ""
+    return "\n".join([*head, "Commands; `hagoromo COMMAND --help` says more:", "", *wrapped])
+
+
+def unbroken(docstring: str) -> str:
+    """A docstring with the text of each argument in one line: a terminal breaks lines where it is full."""
+    lines: list[str] = []
+    for line in inspect.cleandoc(docstring).splitlines():
+        if line.startswith(CONTINUED):
+            lines[-1] += f" {line.strip()}"
+        else:
+            lines.append(line)
+    return "\n".join(lines)
 
 
 def load_verbs() -> None:

@@ -23,9 +23,7 @@ class ViewsOptions:
     """Photographs of many views."""
 
     views: bool = False
-    """the photographs were taken all around an object by one camera: poses and lens are found by COLMAP (pip install
-    'hagoromo[views]'), for `hagoromo recover`. --lamp or --lamps says where the light came from; --mask takes a
-    folder, too."""
+    """photographs all around an object by one camera: COLMAP finds poses and lens (pip install 'hagoromo[views]')."""
 
     lamp: Literal["flash", "unknown"] | None = None
     """with --views: flash: on the camera; unknown: fixed light that nobody measured."""
@@ -34,9 +32,7 @@ class ViewsOptions:
     """with --lamp flash: where the flash is, to the right, down and forward from the camera [m]."""
 
     lamps_fixed_to: str = CAMERA
-    """with --views and --lamps: camera: the lamps move with it, or the object turns before them; or the name of the
-    photograph in whose camera's axes they are, if they are fixed in space. Without lamps of its name, each photograph
-    has all."""
+    """with --views and --lamps: camera, which they move with, or the photograph in whose camera's axes they stand."""
 
     turntable: bool = False
     """with --views: the object turned before a camera that stood still: only points on its mask are used."""
@@ -45,8 +41,7 @@ class ViewsOptions:
     """with --views: coefficients of radial distortion that are fitted (k1, k2), where no --camera states the lens."""
 
     thorough: bool = False
-    """with --views: also faint points, and points as they look from other sides: five times the work, for smooth
-    matter such as plaster."""
+    """with --views: also faint points, and points seen from aside: five times the work, for smooth matter (plaster)."""
 
     length: float | None = None
     """with --views: distance of two points [m], which gives the scale."""

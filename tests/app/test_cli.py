@@ -12,6 +12,7 @@ import pytest
 import hagoromo
 from fuzz import pictures, volumes
 from hagoromo.app.cli import main
+from hagoromo.app.verb import abouts, unbroken
 from hagoromo.files import apart
 from hagoromo.files.exr import read_exr, write_exr
 from hagoromo.files.hdr import write_hdr
@@ -35,6 +36,7 @@ def test_help_loads_little():
 import sys
 before = len(sys.modules)
 from hagoromo.app.cli import main
+from hagoromo.app.verb import abouts, unbroken
 try:
     main(["--help"])
 except SystemExit as end:
@@ -46,6 +48,27 @@ print("modules", len(sys.modules) - before, *(name for name in HEAVY if name in 
     assert "info" in shown and "calibrate" in shown
     _, count, *heavy = shown.splitlines()[-1].split()
     assert int(count) < 500 and not heavy
+
+
+def test_help_has_a_line_or_two_for_each_command(monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", "80")
+    assert main(["--help"]) == 0
+    shown = capsys.readouterr().out
+    listed = shown.partition("says more:")[2].splitlines()[2:]
+    names = [line.split()[0] for line in listed if line[2] != " "]
+    assert names == sorted(abouts) and len(names) > 30
+    assert max(map(len, shown.splitlines())) <= 80 and len(listed) <= 2 * len(names)
+
+
+def test_help_of_an_option_is_broken_where_the_terminal_ends():
+    assert unbroken("Does.\n\n    Args:\n        one: first\n            and more.\n        two: it.\n    ") == (
+        "Does.\n\nArgs:\n    one: first and more.\n    two: it."
+    )
+
+
+def test_without_a_command_one_line_says_how_to_list_them(capsys):
+    assert main([]) == main(["--quiet"]) == 2
+    assert capsys.readouterr().err == 2 * "hagoromo: no command was given: `hagoromo --help` lists them\n"
 
 
 def test_version_is_that_of_the_package(capsys):
