@@ -177,7 +177,8 @@ def _unless_hidden(name: Name, said: str, mistake: str, noticed: Sequence[bool])
     """Good where a mistake that was made with some of the lamps in turn was noticed in enough of these trials."""
     count, trials = sum(noticed), len(noticed)
     if count < NOTICED * trials:
-        return not_testable(name, f"a lamp that is {mistake} is noticed in {count} of {trials} trials only")
+        hidden = "gloss, shadows or a surface that faces few ways hide it"
+        return not_testable(name, f"a lamp that is {mistake} is noticed in {count} of {trials} trials only: {hidden}")
     return good(name, f"{said}; one that is {mistake} is noticed in {count} of {trials} trials")
 
 
