@@ -6,7 +6,7 @@ corner of the image: the centre of pixel (row, column) is at (column + ½, row +
 Unplaced camera: one whose distance from the object nobody has measured, with the object at the world's origin.
 
 World axes: x right, y up, z from the object to the camera, those of lamps that were calibrated without a camera. The
-unit of length is the longer side of the picture at the object, because nothing tells the object's size.
+unit of length is the longer side of the picture at the object, because nothing states the object's size.
 """
 
 from __future__ import annotations

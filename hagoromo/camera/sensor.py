@@ -134,7 +134,7 @@ def develop_raw(raw: ArrayLike, sensor: Sensor, demosaic: Demosaic = "bilinear")
     The variance is shot + read + rounding, from the signal itself; one electron is added to it, as the score interval
     of a Poisson count has it, so that dark pixels keep honest intervals. Through "bilinear" it propagates exactly; for
     "menon2007", which chooses its filter by the picture, by the measured mean factors MENON_VARIANCE. Interpolated
-    values are correlated with their neighbours and miss detail: `native_channels` tells the samples from them.
+    values are correlated with their neighbours and miss detail: `native_channels` says which are samples.
     A pixel is invalid when one of the samples that it is made of is saturated.
     """
     raw = np.asarray(raw, np.float64)

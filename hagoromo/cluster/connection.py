@@ -36,7 +36,7 @@ AGAIN_S = 0.2  # after which a port that nobody listens to is tried again
 SHARE_OF_MEMORY = 0.8  # of what is free now, for all workers of this machine together
 SHARE_KEPT = 0.1  # of a worker's memory, for what it has fetched from a store
 DEATHS = 10  # workers that may die of a task before it is given up
-NOWHERE_ELSE = "127.0.0.1:0"  # of the servers that tell of the state of workers: this machine, any free port
+NOWHERE_ELSE = "127.0.0.1:0"  # of the servers that show the state of workers: this machine, any free port
 THREADS = "HAGOROMO_THREADS"  # environment of a worker: threads of its kernels
 LOUD = ("distributed", "distributed.client", "distributed.nanny", "distributed.scheduler", "tornado")
 ALONE = {  # settings of Dask for workers that are started here
@@ -45,7 +45,7 @@ ALONE = {  # settings of Dask for workers that are started here
     "distributed.worker.memory.target": False,
     "distributed.worker.memory.spill": False,
     "distributed.worker.memory.pause": False,
-    # pages without TLS that tell everybody on this machine what is computed
+    # pages without TLS that show everybody on this machine what is computed
     "distributed.scheduler.http.routes": [],
     "distributed.worker.http.routes": [],
 }

@@ -1,4 +1,4 @@
-"""Spread: whether the directions of lamps tell normals apart, and how well."""
+"""Spread: whether the directions of lamps determine normals, and how well."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def check_spread(to_lamp: ArrayLike) -> LampSpread:
     directions = directions / np.linalg.norm(directions, axis=1, keepdims=True)
     if len(directions) < FEWEST_DIRECTIONS:
         raise InputError(
-            f"{len(directions)} lamps cannot tell normals: light the object from {FEWEST_DIRECTIONS} or more"
+            f"{len(directions)} lamps do not determine normals: light the object from {FEWEST_DIRECTIONS} or more"
         )
     condition = condition_of(directions)
     widest = float(np.degrees(np.arccos(np.clip((directions @ directions.T).min(), -1.0, 1.0))))

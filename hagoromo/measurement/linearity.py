@@ -18,7 +18,7 @@ SHOWN_BY = 4  # lamps under which a place must be above its noise, to be one of 
 
 
 def linearity_of(capture: Capture) -> Exponent | None:
-    """The exponent that the shading asks for; None where the capture cannot tell, for `why_not_tested`.
+    """The exponent that the shading asks for; None where the capture does not show it, for `why_not_tested`.
 
     Direction and distance of near lamps are those at `points_at`.
     """
@@ -62,7 +62,7 @@ def unfit(capture: Capture) -> str:
     shots = capture.photographs
     first = shots[0]
     if len(shots) < FEWEST_LAMPS:
-        return f"{len(shots)} photographs, and the shading tells from {FEWEST_LAMPS} on"
+        return f"{len(shots)} photographs, and the shading shows it from {FEWEST_LAMPS} on"
     if any(len(shot.lamps) != 1 for shot in shots):
         return "photographs under several lamps, or none"
     if not one_view(shots):

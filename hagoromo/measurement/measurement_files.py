@@ -94,7 +94,7 @@ class Estimate(ForeignRecord, frozen=True, kw_only=True):
 
     value: Annotated[float | None, about("the number")] = None
     standard_error: Annotated[float | None, about("its standard error")] = None
-    separate: Annotated[bool, about("whether it can be told from the light of the object")] = False
+    separate: Annotated[bool, about("whether it is known apart from the light of the object")] = False
 
 
 class OwnLightRecord(ForeignRecord, frozen=True, kw_only=True):

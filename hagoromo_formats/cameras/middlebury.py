@@ -38,7 +38,7 @@ def read_middlebury(path: str | Path, size: tuple[int, int] | None = None) -> di
     """Views, image file → camera.
 
     size: (width, height) [px] of the images; None takes it from the first of them that lies beside the file, as the
-    format does not tell it. `InputError` for damage, a skewed K, or a size that nothing tells.
+    format does not state it. `InputError` for damage, a skewed K, or a size that nothing states.
     """
     try:
         lines = read_bytes(path, GROWTH).decode("utf-8").split("\n")
@@ -95,4 +95,4 @@ def _first_image(path: Path, names: list[str]) -> Path:
         image = inside(path.parent, name)
         if image.is_file():
             return image
-    raise InputError(f"{path} does not tell the size of its images and none lies beside it: give their size")
+    raise InputError(f"{path} does not state the size of its images and none lies beside it: give their size")

@@ -26,7 +26,7 @@ from hagoromo.files.names import reason
 from hagoromo.files.record import read_json, read_json_table
 from hagoromo.files.whole import write_text
 
-START = 64  # bytes of a file that tell whether it is JSON
+START = 64  # bytes of a file that show whether it is JSON
 LARGEST = 64 * 2**20  # bytes; cameras take far less
 GROWTH = 30.0  # memory of the nodes of a file, in its sizes
 MATRIX = ("camera_matrix", "cameraMatrix", "Camera_Matrix", "K")
@@ -40,7 +40,7 @@ MOST_COEFFICIENTS = 14  # OpenCV's; those behind the eighth are thin prisms and 
 def read_opencv(path: str | Path, size: tuple[int, int] | None = None) -> dict[str, Camera]:
     """Views, image file (or index) → camera; one named "" where the file has intrinsics only.
 
-    Parsed in a process apart. size: (width, height) [px], for a file that does not tell it. `InputError` for a file
+    Parsed in a process apart. size: (width, height) [px], for a file that does not state it. `InputError` for a file
     that is no FileStorage, lacks the camera or has a lens that the eight coefficients do not hold.
     """
     source = sized_file(path, LARGEST, "a file of cameras")
@@ -90,7 +90,7 @@ def write_opencv(path: str | Path, views: Mapping[str, Camera]) -> None:
         np.concatenate([cv2.Rodrigues(camera.world_to_camera[:3, :3])[0].ravel(), camera.world_to_camera[:3, 3]])
         for camera in views.values()
     ]
-    # into memory: to a full disk OpenCV writes less, and does not tell
+    # into memory: to a full disk OpenCV writes less, and says nothing
     storage = cv2.FileStorage(Path(path).name, cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY)
     storage.write("image_width", lens.width)
     storage.write("image_height", lens.height)
@@ -129,7 +129,7 @@ def _views(held: Mapping[str, NDArray[Any]], size: tuple[int, int] | None, where
     stated_size = [float(held[key]) for key in ("image_width", "image_height")]
     width, height = stated_size if all(stated_size) else size or (0, 0)
     if not 0 < width < NO_NUMBER or not 0 < height < NO_NUMBER:
-        raise InputError(f"{where} does not tell image_width and image_height: add them")
+        raise InputError(f"{where} does not state image_width and image_height: add them")
     coefficients = tuple(map(float, k[: len(COEFFICIENTS)])) + (0.0,) * max(len(COEFFICIENTS) - k.size, 0)
     focal, principal = (matrix[0, 0], matrix[1, 1]), (matrix[0, 2] + 0.5, matrix[1, 2] + 0.5)
     lens = Camera(int(width), int(height), focal, principal, coefficients)

@@ -21,7 +21,7 @@ COVERAGE = 0.95
 
 @dataclass(frozen=True)
 class ParameterRow:
-    """One parameter of one material: truth, estimate, 95 % interval, and whether the photographs tell it."""
+    """One parameter of one material: truth, estimate, 95 % interval, and whether the photographs determine it."""
 
     material: str
     parameter: str

@@ -26,7 +26,7 @@ STEPS = 48  # segments of a hair
 BYTES_PER_POINT = 400.0
 BAND_MM = 1.5  # points this close to the skin are moved onto it, and become roots
 TRIES, TRIES_AT_ONCE = 400, 1 << 18  # how often points are drawn, and how many
-LEAST_TRIES = 12  # after which the share that found a place tells whether enough of them will
+LEAST_TRIES = 12  # after which the share that found a place shows whether enough of them will
 FALL_MM = 15.0  # [mm] from the skin on, over which combing gives way to the fall
 TAPER = 0.5  # of the diameter that a tip keeps
 

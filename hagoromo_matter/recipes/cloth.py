@@ -3,7 +3,7 @@
     threads_per_cm, or warp_per_cm and weft_per_cm; crimp, uneven, warp_colours, weft_colours: see `Woven`
     [draft]     weave = "plain" | "twill" (over, under) | "satin" (ends, step, warp_faced) |
                 "herringbone" (over, under, width) | "jacquard" (pattern, ends), or file = "NAME.wif", which also
-                tells yarns per cm, diameters, warp_colours, weft_colours and [[colour]], where the recipe does not
+                states yarns per cm, diameters, warp_colours, weft_colours and [[colour]], where the recipe does not
     [warp]      of the warp yarns: see `Yarn`
     [weft]      of the weft yarns: what is not said is the warp's
     [[colour]]  keys of [material] that yarns of colour number 0, 1, … have in its place
@@ -165,7 +165,7 @@ def yarn_of(table: dict[str, Any], usual: Yarn, where: str) -> Yarn:
 def colour_materials(recipe: Recipe[ClothTable], colours: list[int], display: Colours = ()) -> list[Reflectance]:
     """The reflectance for each of `colours`, numbers of [[colour]]; those of none have that of [material].
 
-    display: the body colours (sRGB, 0…1) of numbers that [[colour]] does not tell.
+    display: the body colours (sRGB, 0…1) of numbers that [[colour]] does not state.
     """
     usual = recipe.material  # checked, even where every yarn has a colour of its own
     own = recipe.table.colour or [{"body_colour": body_colour(colour).record()} for colour in display]
@@ -183,7 +183,7 @@ def body_colour(display: tuple[float, ...]) -> Spectrum:
 
 
 def _drawn(recipe: Recipe[ClothTable]) -> tuple[Woven, Colours]:
-    """What [draft] tells: the weave, of LINEN's yarns where it tells none, and the colours of the yarns of a file."""
+    """What [draft] states: the weave, of LINEN's yarns where it states none, and the colours of the yarns of a file."""
     where, table = f"{recipe.where} [draft]", recipe.table.draft
     if "file" in table:
         from hagoromo_matter.cloth.wif import cloth_of, read_wif

@@ -68,7 +68,7 @@ def shape_of(
 ) -> tuple[Shape, Extent]:
     """The shape, and the corners of a box with room around it. file: the place of a file that the recipe names.
 
-    voxel_mm: a warning tells what of a mesh is thinner than two of these.
+    voxel_mm: a warning says what of a mesh is thinner than two of these.
     """
     form = form_of(record, where)
     if isinstance(form, MeshForm):

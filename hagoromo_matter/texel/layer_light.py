@@ -26,7 +26,7 @@ from hagoromo_matter.texel.layer import LAMP_DISTANCE_M, Layer
 CANDIDATES = 8  # places of which a point is drawn
 PROBES = tuple(
     (cosine, turn) for cosine in (0.9, 0.5) for turn in (0.4, 2.5, 4.6)
-)  # ways out that tell where it is lit
+)  # ways out that show where it is lit
 DRAWN_AT = (0.25, 0.25, 0.4, 0.1)  # shares of the points: at the top, at the bottom, where light passes, anywhere
 TO_EYE = 1.0  # length of a step towards the eye, in steps of a camera ray
 LANES = 1 << 20  # points and pairs that are computed together

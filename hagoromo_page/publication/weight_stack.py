@@ -24,7 +24,7 @@ from hagoromo.progress import Progress, silent
 from hagoromo_page.publication.surface_maps import FLIP
 
 COPIES = 5  # of the weights that are in memory at once
-SKETCH_SIDE = 96  # px of the picture that tells where there is matter
+SKETCH_SIDE = 96  # px of the picture that shows where there is matter
 
 
 @dataclass(frozen=True, eq=False, repr=False)

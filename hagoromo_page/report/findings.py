@@ -15,7 +15,7 @@ SIGNIFICANT = 2.0  # standard errors from 0
 MOST_ALBEDO = 1.1  # of a body that is said in per cent: no body scatters more light than it receives, but for errors
 BODY_RELATIVE = (
     "How much light its body scatters is not known, because the strength of the lamps is not: only ratios between "
-    "materials hold. A photograph that would tell: a white of known reflectance in place of the object."
+    "materials hold. A photograph that would show it: a white of known reflectance in place of the object."
 )
 # parameter: its name, why photographs do not determine it, and which photograph would
 MISSING = {

@@ -1,4 +1,4 @@
-"""Messages: what a browser may tell the viewer, each kind a record that is checked when it arrives.
+"""Messages: what a browser may send to the viewer, each kind a record that is checked when it arrives.
 
 Enters: a frame of a web socket, MessagePack. Leaves: the same message, encoded anew from its record. Viser has some
 thirty kinds of messages; those that the viewer has no use for are refused, such as uploads of files.

@@ -113,7 +113,7 @@ class OwnPanel:
     def moved(self, world_to_camera: NDArray[np.float64]) -> None:
         """The viewer's camera moved to a (4, 4) pose.
 
-        A browser tells where its camera was before it hears that it jumped: that is not heeded for a moment.
+        A browser says where its camera was before it hears that it jumped: that is not heeded for a moment.
         """
         if self.aim is not None:
             there = np.allclose(inverse_pose(world_to_camera)[:3, 3], self.aim, rtol=1e-4, atol=1e-6)

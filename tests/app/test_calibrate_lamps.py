@@ -69,7 +69,7 @@ def test_near_lamps_are_written_as_a_capture_lists_them(shot, tmp_path, capsys, 
         assert isinstance(lamp, Lamp) and lamp.position is not None
         assert np.linalg.norm(lamp.position - truth) < 0.02
         assert f"{photographs[k]}: position (" in said
-    assert len(record["balls"]) == 2 and record["spread"] is None and "2 lamps cannot tell normals" in said
+    assert len(record["balls"]) == 2 and record["spread"] is None and "2 lamps do not determine normals" in said
 
 
 def test_strength_and_colour_are_written(shot, tmp_path, capsys):

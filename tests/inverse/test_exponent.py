@@ -64,7 +64,7 @@ def test_what_cannot_tell_says_nothing():
     shot = hg.Photograph(grey, np.float32(0.01) * grey, np.ones((3, 5), bool), camera, (near,))
     for capture, said in [
         (hg.Capture((shot,) * 8), "near lamps, and neither points of the surface nor its distance"),
-        (hg.Capture((shot,) * 5), "5 photographs, and the shading tells from 6 on"),
+        (hg.Capture((shot,) * 5), "5 photographs, and the shading shows it from 6 on"),
         (hg.Capture((shot,) * 8, points=np.ones((3, 5, 3))), "too few pixels"),
         (hg.Capture((replace(shot, lamps=(near, near)),) * 8), "photographs under several lamps"),
     ]:

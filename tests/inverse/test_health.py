@@ -143,7 +143,7 @@ def test_a_flat_relief_with_gloss_is_not_taken_for_display_values():
 @pytest.mark.parametrize("gloss", [0.0, 1.0])
 def test_a_flat_relief_is_doubted_for_what_is_wrong_alone(gloss, done):
     """Normals within 7° (rms), lamps in two rings. Its gloss is wide, and every place has it under the same lamps. What
-    its photographs cannot tell apart, lamps that are uneven and another transfer, is said so, and that such a gloss
+    its photographs do not separate, lamps that are uneven and another transfer, is said so, and that such a gloss
     hides a lamp that is stronger.
     """
     capture = relief_capture(SimulatedRelief(), relief_camera(48), dome(12), 1, gloss > 0.0)

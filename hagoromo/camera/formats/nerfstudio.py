@@ -88,7 +88,7 @@ class ViewsRecord(ForeignRecord, frozen=True, kw_only=True):
 
 
 def read_transforms(path: str | Path) -> dict[str, Camera]:
-    """The frames of a transforms file: `file_path` → camera; the images need not exist where the file tells their size.
+    """The frames of a transforms file: `file_path` → camera; images need not exist where the file states their size.
 
     `InputError` for what makes no camera, two frames of one image, or a frame of unknown size.
     """

@@ -70,7 +70,7 @@ from hagoromo.reflectance.parameters import GLOSS, OPEN_GLOSS
 WIDENED = "errors and intervals are wider by how far the highlight and the body are from the model"
 HIDDEN = (
     "its body reflects nothing in a channel at least, or the highlight hides it: intervals are those of all bodies "
-    "that the photographs allow; one whose lamp is farther from where its mirror image is seen tells more"
+    "that the photographs allow; one whose lamp is farther from where its mirror image is seen says more"
 )
 DETECTION = 1e-4  # probability that noise lowers χ² as much as an interface term has to
 PRIOR_N = 1.5  # refractive index of most dielectrics, plastic, skin and fibre among them: 1.3–1.7

@@ -7,7 +7,7 @@ subtracting what follows from the solution, are repeated (Nayar, Ikeuchi & Kanad
 
 Body colours are those of the object only if lamps and photographs have one unit. In the shadow of the object itself its
 own light is alone, and the ratio of what is there to what is expected gives that unit: unless light of the room, which
-is in all photographs, is there, too. Both are fitted; nothing tells them apart where that leaves the unit open.
+is in all photographs, is there, too. Both are fitted; nothing separates them where that leaves the unit open.
 """
 
 from __future__ import annotations
