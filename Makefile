@@ -5,7 +5,7 @@ READY := .venv/ready
 PEERS := .venv/peers
 LOWEST := .venv/lowest
 TOOLS := .venv/pins
-TWO := -n 2 --dist loadfile# two processes; tests of one file share its fixtures
+TWO := -n 2 --dist loadfile --no-loadscope-reorder# two processes; tests of one file share its fixtures; files of few long tests are not left for the end
 INSTALL := -m pip install --quiet --disable-pip-version-check --only-binary=:all:
 QUIET := --output-format min-text --min-severity error
 PACKAGES := hagoromo hagoromo_formats hagoromo_matter hagoromo_page hagoromo_start
