@@ -8,6 +8,7 @@ Commands import modules when they run, so that `--help` is fast.
 from __future__ import annotations
 
 import contextlib
+import difflib
 import functools
 import io
 import json
@@ -106,12 +107,21 @@ def _run(arguments: list[str], ends: bool) -> int:
 
     def run() -> int | None:
         words, options = taken(arguments)
-        if not words:
-            raise InputError("no command was given: `hagoromo --help` lists them")
+        _check_command(words)
         with everywhere(options), signals_as_interrupt():
             return parsed(words)()
 
     return _ended(run, ends)
+
+
+def _check_command(words: Sequence[str]) -> None:
+    """`InputError` where the first word is no command."""
+    if not words:
+        raise InputError("no command was given: `hagoromo --help` lists them")
+    if words[0] not in abouts and not words[0].startswith("-"):
+        near = "".join(f"give {name}, or " for name in difflib.get_close_matches(words[0], abouts, 1))
+        given = PASSWORD.sub("…@", words[0])
+        raise InputError(f"{given!r} is no command: {near}see `hagoromo --help`")
 
 
 def carry_out(call: Callable[[], int | None]) -> int:

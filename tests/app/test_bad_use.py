@@ -36,7 +36,7 @@ def calls_of_the_package() -> Iterator[list[str]]:
 
 
 def test_wrong_use_is_one_line(refused):
-    assert "Unrecognized options: nonsense" in refused("nonsense")
+    assert "'nonsense' is no command" in refused("nonsense")
     assert "--out" in refused("calibrate", "response", "pairs.csv")
     said = refused("calibrate", "camera", "--board", "9x6", "--square", "wide", "--out", "a.json")
     assert said.startswith("hagoromo: Error parsing --square: could not convert string to float: 'wide'; Argument")

@@ -66,6 +66,14 @@ def test_help_of_an_option_is_broken_where_the_terminal_ends():
     )
 
 
+def test_a_word_that_is_no_command_is_one_line_with_the_nearest(capsys):
+    assert main(["rendr", "x.toml"]) == main(["zzz"]) == 2
+    assert capsys.readouterr().err.splitlines() == [
+        "hagoromo: 'rendr' is no command: give render, or see `hagoromo --help`",
+        "hagoromo: 'zzz' is no command: see `hagoromo --help`",
+    ]
+
+
 def test_without_a_command_one_line_says_how_to_list_them(capsys):
     assert main([]) == main(["--quiet"]) == 2
     assert capsys.readouterr().err == 2 * "hagoromo: no command was given: `hagoromo --help` lists them\n"
