@@ -24,6 +24,10 @@ END_TRANSMITTANCE = 1e-2  # a ray ends below this transmittance, at DEFAULT_TOLE
 OPAQUE_OPTICAL_DEPTH = 16.0  # a shadow ray ends beyond this optical depth: exp(−16) = 1e-7
 LEAST_TRANSMITTANCE = 1e-7  # of lamps: less counts as this where the rate of light is computed
 UNKNOWN_RATE = 1e30  # stands for the rate of light at the first sample
+OWN_SIDE = (
+    0.75  # share of the rate to the nearer sample in that of light in half a step: a parabola through equal steps
+)
+STEEPER = 4.0  # largest rate within a step, over the lesser one to its neighbours
 FIRST_RATE = 3.0  # rate of light that steps are made for behind the first sample, where none is known yet
 FIRST_STEP = 0.5  # of the deepest step: the first one in matter
 LARGEST_RATE = 30.0  # of light that steps are made for: that of a lamp 2° above a face
@@ -66,17 +70,23 @@ class LitSample:
 
     def gains(self, behind: list[Float]) -> list[Float]:
         """∫ σ exp(−D) · (light / light of the sample) over the step, with the rates to the sample behind it."""
-        rates = self._rates(behind)
-        known = self.depth > 0.0
-        return [
-            dr.select(known, self._at_begin(rate) * self.depth * mean_of_decay((1.0 + rate) * self.total), 0.0)
-            for rate in rates
-        ]
+        rest, known, found = 1.0 - self.share, self.depth > 0.0, []
+        to_eye = self.depth * dr.exp(-self.before)
+        at_sample = dr.exp(-self.share * self.total)
+        for front, back in self._rates(behind):
+            begin = dr.exp(front * self.total * self.share)  # light there, over that of the sample
+            before = begin * self.share * mean_of_decay((1.0 + front) * self.share * self.total)
+            after = at_sample * rest * mean_of_decay((1.0 + back) * rest * self.total)
+            found.append(dr.select(known, to_eye * (before + after), 0.0))
+        return found
 
     def rest(self) -> list[Float]:
         """As `gains`, over the step and all behind it as if it went on, and for all boxes."""
-        rates = self._rates([arrays().Float(UNKNOWN_RATE)] * len(self.rates))
-        return [self._at_begin(rate) / (1.0 + dr.fmax(rate, 0.0)) for rate in rates]
+        pairs = self._rates([arrays().Float(UNKNOWN_RATE)] * len(self.rates))
+        rates = [dr.select(front < 0.0, back, front) for front, back in pairs]
+        return [
+            dr.exp(dr.fma(rate * self.total, self.share, -self.before)) / (1.0 + dr.fmax(rate, 0.0)) for rate in rates
+        ]
 
     def smooth_gain(self) -> Float:
         """∫ σ exp(−D) over the step: of light that hardly changes along it."""
@@ -87,23 +97,27 @@ class LitSample:
         mean = sum(dr.abs(rate) for rate in self.rates) / len(self.rates)
         return dr.select(self.rates[0] == UNKNOWN_RATE, FIRST_RATE, mean)
 
-    def _rates(self, behind: list[Float]) -> list[Float]:
-        return [self._rate(*each) for each in zip(self.rates, behind, self.log_lamps, strict=True)]
+    def _rates(self, behind: list[Float]) -> list[tuple[Float, Float]]:
+        return [self._rates_within(*each) for each in zip(self.rates, behind, self.log_lamps, strict=True)]
 
-    def _rate(self, before: Float, behind: Float, log_lamps: Float) -> Float:
-        """The rate of light in the step, from those before and `behind`: their harmonic mean, 0 where they differ in
-        sign; no more than light without shadow at either end allows.
+    def _rates_within(self, before: Float, behind: Float, log_lamps: Float) -> tuple[Float, Float]:
+        """Rates of light in the step in front of its sample and behind it, from those to the samples `before` and
+        `behind`, which hold for the middles of the ways to them. Where these differ in sign they are noise, and rates
+        are 0; light at neither end of the step is more than without shadow.
         """
         before = dr.select(before == UNKNOWN_RATE, behind, before)
         behind = dr.select(behind == UNKNOWN_RATE, before, behind)
-        same = (before * behind > 0.0) & (before != UNKNOWN_RATE)
-        rate = dr.select(same, 2.0 * before * behind / (before + behind), 0.0)
-        most = -log_lamps / dr.fmax(self.total, 1e-12)
-        return clip(rate, -most / (1.0 - self.share), most / self.share)
-
-    def _at_begin(self, rate: Float) -> Float:
-        """exp(−D) · (light / light of the sample) at the begin of the step."""
-        return dr.exp(dr.fma(rate * self.total, self.share, -self.before))
+        before, behind = (dr.select(each == UNKNOWN_RATE, 0.0, each) for each in (before, behind))
+        largest = STEEPER * dr.fmin(dr.abs(before), dr.abs(behind))
+        largest = dr.select(before * behind > 0.0, largest, 0.0)
+        front, back = (
+            clip(dr.fma(OWN_SIDE, own - other, other), -largest, largest)
+            for own, other in ((before, behind), (behind, before))
+        )
+        inverse, rest = dr.rcp(dr.fmax(self.total, 1e-12)), 1.0 - self.share
+        front = clip(front, -OPAQUE_OPTICAL_DEPTH * inverse / self.share, -log_lamps * inverse / self.share)
+        back = dr.fmax(back, log_lamps * inverse / rest)
+        return front, back
 
 
 @dr.syntax

@@ -18,11 +18,12 @@ from hagoromo.reflectance.element import element_weights
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.transport.film import tile_order
 from hagoromo.transport.lighting import Lighting
-from hagoromo.transport.march import march, optical_depth
+from hagoromo.transport.march import LitSample, march, optical_depth
 from hagoromo.transport.materials import Materials
 from hagoromo.transport.medium import Medium
 from hagoromo.transport.palette import palette_of
 from hagoromo.transport.shadow import brute_attenuation
+from hagoromo.transport.step_elements import centroid
 from hagoromo.volume.box import VolumeBox
 from tests.judges import converges_with_order
 
@@ -216,3 +217,28 @@ def test_samples_average_to_the_area_of_a_pixel():
     alpha = render(scene, Settings(samples=256, shadows="none")).alpha
     # the face is 0.11 m wide at 1 m: 4.4 px of 40 px focal length; 0.17 m high: 6.8 px, the picture is 5
     assert alpha.sum() == pytest.approx(4.4 * 5, rel=0.01)
+
+
+def test_light_that_bends_within_a_step_is_followed():
+    """ln of light that is a parabola of the depth to the eye, as behind matter with a lamp on its far side;
+    a mean of the rates to both neighbours for all of the step is 0.6 % off.
+    """
+    jit, depth, bend = arrays(), 0.5, 0.3
+    share = float(centroid(jit.Float(depth))[0])
+
+    def log_light(place: float) -> float:
+        return -4.0 + 0.8 * place - bend * place**2
+
+    def sample(number: int, rate: float) -> LitSample:
+        before, numbers = depth * number, jit.Float
+        log = log_light(before + share * depth)
+        return LitSample(
+            jit.UInt(0), numbers(depth), numbers(depth), numbers(before), numbers(share), [numbers(log)],
+            [numbers(rate)], [], [],
+        )  # fmt: skip
+
+    rates = [(log_light(place) - log_light(place + depth)) / depth for place in (depth * (share - 1.0), depth * share)]
+    gain = sample(0, rates[0]).gains([jit.Float(rates[1])])[0][0]
+    at = (np.arange(1000) + 0.5) / 1000 * depth
+    light = np.exp([log_light(place) - log_light(share * depth) for place in at])
+    assert gain == pytest.approx(float(np.mean(np.exp(-at) * light) * depth), rel=4e-3)
