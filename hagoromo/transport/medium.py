@@ -53,6 +53,7 @@ NEGLIGIBLE_SHARE = 1e-3  # of the optical depth of a box's thickest voxel: a ste
 LEAST_DEPTH = 1e-30  # that single precision computes with
 CLEARANCE_SHARE = 0.8  # share of a clearance that one step may skip: it is interpolated, not exact
 ROUGH = 0.1  # roughness of axes, see `Bricks.character`, from which a step is shaded at several places
+TURNING = 2.0  # optical depth of a step without its projected area, over the deepest, from which that is of two places
 MOST_PARTS_IN_TEXEL = 64.0  # of a step in a texel
 GAUSS_NODE = 1.0 / math.sqrt(3.0)  # of two, from the middle of an interval, in halves of it
 Limit = Callable[[MarchInterval], Float]  # into how many parts of equal optical depth a step is cut
@@ -86,7 +87,7 @@ class Medium:
         self.textures, self.flakes = self.frames.textures, flakes_of(boxes)
         shadow_biases = np.array([box.shadow_bias for box in self.boxes], np.float32)
         self.shadow_biases = lookup(jit.Float, shadow_biases) if shadow_biases.any() else None
-        self.rough, self.two_areas = self._is_rough(), tolerance < DEFAULT_TOLERANCE
+        self.rough, self.two_areas = self._is_rough(), tolerance < DEFAULT_TOLERANCE or self.differentiable
         self.patchy = self._is_patchy()
         self.tolerance = dr.opaque(jit.Float, tolerance / DEFAULT_TOLERANCE)  # in units of the usual one
         self.negligible = dr.opaque(jit.Float, negligible_depth(self.boxes))
@@ -163,8 +164,8 @@ class Medium:
 
         τ ρ, in boxes of projected extinction times the projected area of the elements along `direction`. In a cell two
         Gauss points integrate it: exactly a trilinear density, which along a ray is a cubic, and to the fourth order in
-        the length of the step where the elements turn along it; to the second at the usual tolerance and above, where
-        their area is that of the middle. In a texel it is that of the middle of the step.
+        the length of the step where the elements turn along it; to the second in most steps at the usual tolerance
+        and above, where their area is that of the middle. In a texel it is that of the middle of the step.
         limit: number of parts that the step is cut into, of which the first is taken; None for the whole step.
         """
         return self.branch(
@@ -203,6 +204,26 @@ class Medium:
             self.projected_areas, lambda step, direction, distances: [arrays().Float(1) for _ in distances],
         )  # fmt: skip
 
+    def _areas_in_cell(
+        self, step: MarchInterval, direction: Array3f, places: list[Float], full: Float, least: Float | None
+    ) -> list[Float]:
+        """`_areas` at two places of a step in a cell: at fine tolerances each its own, and where the depth `full` is
+        more than `least`; elsewhere, and without it, both that in the middle between them.
+        """
+        if self.two_areas:
+            return self._areas(step, direction, places, full > 0.0)
+        middle = 0.5 * (places[0] + places[1])
+        if least is None:
+            return 2 * self._areas(step, direction, [middle], full > 0.0)
+        two = full > least
+        first = self._areas(step, direction, [dr.select(two, places[0], middle)], full > 0.0)[0]
+        second = dr.if_stmt(
+            (step, direction, places[1], first), two,
+            lambda step, direction, place, _: self._areas(step, direction, [place], arrays().Bool(True))[0],
+            lambda step, direction, place, first: arrays().Float(first),
+        )  # fmt: skip
+        return [first, second]
+
     def projected_areas(self, step: MarchInterval, direction: Array3f, distances: list[Float]) -> list[Float]:
         """Projected area along `direction` of the elements at distances from the entry of the ray [m], within the cell
         of a step in a stored brick: means over the elements, 0…1.
@@ -240,29 +261,37 @@ class Medium:
             part = ray.at(distance) - first
             return tau * trilinear(around, jit.Array3f(*(clip(part[k], 0.0, 1.0) for k in range(3))))
 
-        def integrated(step: MarchInterval) -> MarchInterval:
+        def integrated(step: MarchInterval, least: Float | None = None) -> tuple[MarchInterval, Float]:
+            """The step with its extinction, and the optical depth that it would have with areas of 1; least: see
+            `_areas_in_cell`.
+            """
             middle, half = 0.5 * (step.begin + step.end), 0.5 * (step.end - step.begin)
             places = [dr.fma(half, node, middle) for node in (-GAUSS_NODE, GAUSS_NODE)]
             low, high = (extinction(place) for place in places)
+            full = (low + high) * half
             if self.flakes is not None:
-                areas = self._areas(step, direction, places if self.two_areas else [middle], low + high > 0.0)
-                low, high = low * areas[0], high * areas[-1]
+                areas = self._areas_in_cell(step, direction, places, full, least)
+                low, high = low * areas[0], high * areas[1]
             total = low + high
             growth = clip((high - low) / (GAUSS_NODE * dr.fmax(total, 1e-30)), -1.0, 1.0)
-            return replace(step, depth=total * half, growth=growth)
+            return replace(step, depth=total * half, growth=growth), full
 
-        step = integrated(step)
+        step, full = integrated(step)
         if limit is None:
             return step
-        parts = dr.detach(limit(step))
+        parts = dr.detach(dr.fmax(limit(step), 1.0))
+        again, least = parts > 1.0, None
+        if self.flakes is not None and not self.two_areas:  # or few parts by an area that is small in the middle alone
+            least = TURNING * self.frames.deepest
+            again |= full > least
 
         def cut(step: MarchInterval, parts: Float) -> MarchInterval:
             share = share_at_depth(dr.rcp(parts), dr.detach(step.growth))
             end = dr.fma(step.end - step.begin, share, step.begin)
             end = dr.fmin(dr.fmax(end, step.begin + ray.probe), step.end)  # a nudge at least: rays go on
-            return integrated(replace(step, end=end))
+            return integrated(replace(step, end=dr.select(parts > 1.0, end, step.end)), least)[0]
 
-        return self.branch((step, parts), parts > 1.0, cut, lambda step, parts: step)
+        return self.branch((step, parts), again, cut, lambda step, parts: step)
 
     def _in_texel(self, step: MarchInterval, direction: Array3f, limit: Limit | None) -> MarchInterval:
         """Extinction of a step in a texel, that of its middle; the end behind matter-free space around it."""

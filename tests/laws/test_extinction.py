@@ -214,6 +214,23 @@ def test_the_march_is_the_oracle_where_axes_turn_within_a_voxel(element, seeds):
         assert math.sqrt(np.mean((light.transmittance - passed) ** 2)) < 0.001
 
 
+def test_fibres_seen_end_on_in_the_middle_of_a_cell_alone_hide_what_is_behind_them():
+    """Axes turn from one side to the other from layer to layer; each cell would have 4 optical depths from the side."""
+    shape = (4, 4, 4)
+    sides = np.where(np.arange(shape[0]) % 2, 0.6, -0.6)[:, None, None] * np.ones(shape)
+    axis = np.stack([sides, np.zeros(shape), np.full(shape, 0.8)], axis=-1)
+    fibres = VolumeBox.from_arrays(
+        np.ones(shape), axis, VOXEL, 4.0 / VOXEL, [matter("cylinder")], extinction="projected"
+    )
+    scene, way = scene_of(fibres, [Lamp(to_lamp=(0.0, 0.0, -1.0))]), np.array([[0.0, 0.0, 1.0]])
+    origin = fibres.corners().mean(axis=0) - way
+    usual, fine = (
+        float(RayMarch(scene, Settings(shadows="none", tolerance=tolerance))(origin, way)[1][0])
+        for tolerance in (0.04, 0.0025)
+    )
+    assert math.log(usual) == pytest.approx(math.log(fine), rel=0.15)  # with areas of the middle alone 0.38 of it
+
+
 @pytest.mark.parametrize("element", ELEMENTS)
 def test_the_opaque_limit_does_not_depend_on_the_extinction(element):
     """A dense face shows f without shadows, and f A_V μ_L / (A_V μ_L + A_L μ_V) with them (isotropic: A = 1).
