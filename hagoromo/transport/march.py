@@ -82,8 +82,7 @@ class LitSample:
 
     def rest(self) -> list[Float]:
         """As `gains`, over the step and all behind it as if it went on, and for all boxes."""
-        pairs = self._rates([arrays().Float(UNKNOWN_RATE)] * len(self.rates))
-        rates = [dr.select(front < 0.0, back, front) for front, back in pairs]
+        rates = [front for front, _ in self._rates([arrays().Float(UNKNOWN_RATE)] * len(self.rates))]
         return [
             dr.exp(dr.fma(rate * self.total, self.share, -self.before)) / (1.0 + dr.fmax(rate, 0.0)) for rate in rates
         ]
@@ -103,20 +102,18 @@ class LitSample:
     def _rates_within(self, before: Float, behind: Float, log_lamps: Float) -> tuple[Float, Float]:
         """Rates of light in the step in front of its sample and behind it, from those to the samples `before` and
         `behind`, which hold for the middles of the ways to them. Where these differ in sign they are noise, and rates
-        are 0; light at neither end of the step is more than without shadow.
+        are 0; by no rate is light at either end of the step more than without shadow.
         """
         before = dr.select(before == UNKNOWN_RATE, behind, before)
         behind = dr.select(behind == UNKNOWN_RATE, before, behind)
         before, behind = (dr.select(each == UNKNOWN_RATE, 0.0, each) for each in (before, behind))
         largest = STEEPER * dr.fmin(dr.abs(before), dr.abs(behind))
         largest = dr.select(before * behind > 0.0, largest, 0.0)
-        front, back = (
-            clip(dr.fma(OWN_SIDE, own - other, other), -largest, largest)
-            for own, other in ((before, behind), (behind, before))
-        )
-        inverse, rest = dr.rcp(dr.fmax(self.total, 1e-12)), 1.0 - self.share
-        front = clip(front, -OPAQUE_OPTICAL_DEPTH * inverse / self.share, -log_lamps * inverse / self.share)
-        back = dr.fmax(back, log_lamps * inverse / rest)
+        inverse = dr.rcp(dr.fmax(self.total, 1e-12))
+        low = dr.fmax(-largest, log_lamps * inverse / (1.0 - self.share))
+        high = dr.fmin(largest, -log_lamps * inverse / self.share)
+        pairs = (before, behind), (behind, before)
+        front, back = (clip(dr.fma(OWN_SIDE, own - other, other), low, high) for own, other in pairs)
         return front, back
 
 
