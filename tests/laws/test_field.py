@@ -377,3 +377,12 @@ def test_ways_go_on_however_far_they_come_from(begin):
     at = dr.opaque(jit.Float, begin)
     end = path.end(jit.Array3f(-1.0, 0.0, 0.0), jit.Int(0), at)  # the face in front of the cell, which ends at `begin`
     assert float(end[0]) > float(at[0])
+
+
+def test_a_box_without_matter_beside_another_changes_no_light():
+    shape, full_box = (SIDE, SIDE, SIDE), cube(matter(), 3.0)
+    nothing = VolumeBox.from_arrays(np.zeros(shape), np.zeros((*shape, 3)), 1 / SIDE, 1.0, [matter()])
+    alone, beside = (render(scene_of(*boxes), SOLVED, mode="full") for boxes in ([full_box], [full_box, nothing]))
+    np.testing.assert_allclose(beside.weights, alone.weights, rtol=1e-3, atol=1e-3 * alone.weights.max())
+    with pytest.raises(InputError, match="no volume box holds matter"):
+        render(scene_of(nothing), SOLVED, mode="full")

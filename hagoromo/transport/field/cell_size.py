@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hagoromo.transport.field.cells import Bounds, grid_over, matter_bounds, voxels_in_reach, with_neighbours
+from hagoromo.transport.field.cells import Bounds, bounds_of, grid_over, voxels_in_reach, with_neighbours
 from hagoromo.transport.field.second_order import NUMBERS
 from hagoromo.transport.path.majorants import texel_density
 from hagoromo.volume.box import VolumeBox
@@ -39,7 +39,7 @@ def cell_size(boxes: Sequence[VolumeBox], channels: int) -> float:
     )
     least = 0.8 * (cell_bytes(channels) * volume / allowed) ** (1.0 / 3.0)  # near where the search begins
     count = max(round(max(min(DEEPEST_CELL / max(sigma, 1e-30), most), least) / part), 1)
-    bounds = [matter_bounds(box) for box in boxes]
+    bounds = bounds_of(boxes)
     while _light_bytes(bounds, part * count, channels) > allowed:
         count += max(count // 32, 1)
     return part * count
@@ -71,7 +71,7 @@ def light_bytes(boxes: Sequence[VolumeBox], size: float, channels: int) -> float
     """Memory of the light in cells of edge `size` [m], if bricks were full, and in those around; and of the table of
     cells [byte].
     """
-    return _light_bytes([matter_bounds(box) for box in boxes], size, channels)
+    return _light_bytes(bounds_of(boxes), size, channels)
 
 
 def _light_bytes(bounds: Sequence[Bounds], size: float, channels: int) -> float:

@@ -176,7 +176,7 @@ def with_neighbours(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 def grid_over(bounds: Sequence[Bounds], size: float) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Corner of a grid of cells of edge `size` [m], and which of them the parts of boxes within `bounds` touch:
-    (nz, ny, nx). See `matter_bounds`.
+    (nz, ny, nx). See `bounds_of`.
 
     `InputError` for boxes that stand so far apart that the grid has more than MOST_PLACES cells.
     """
@@ -201,6 +201,13 @@ def grid_over(bounds: Sequence[Bounds], size: float) -> tuple[NDArray[np.float64
         for (x, y, z), (u, v, w) in zip(first, last + 1, strict=True):
             touched[z:w, y:v, x:u] = True
     return low, touched
+
+
+def bounds_of(boxes: Sequence[VolumeBox]) -> list[Bounds]:
+    """`matter_bounds` of the boxes that hold matter; where none does, the corners of them all."""
+    corners = np.concatenate([box.matter_corners() for box in boxes])
+    nothing = [(corners.min(axis=0)[None], corners.max(axis=0)[None])]
+    return [matter_bounds(box) for box in boxes if box.bricks.kept] or nothing
 
 
 def matter_bounds(box: VolumeBox) -> Bounds:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from hagoromo.backend import Float, arrays
 from hagoromo.files.memory import require
 from hagoromo.transport.field.band_colours import BandColours
-from hagoromo.transport.field.cells import grid_over, matter_bounds
+from hagoromo.transport.field.cells import bounds_of, grid_over
 from hagoromo.transport.field.fit import FINER, fitted
 from hagoromo.transport.field.matter_samples import held_share, sample_bytes, sampled
 from hagoromo.transport.field.scattering import ScatteringTables
@@ -51,7 +51,7 @@ class Solver:
     ) -> None:
         """`size`: edge of a stored cell [m]. `scattering`: of the materials of all boxes, in order."""
         self.scattering, self.bands = scattering, colours.count
-        low, touched = grid_over([matter_bounds(box) for box in medium.boxes], size)
+        low, touched = grid_over(bounds_of(medium.boxes), size)
         voxel = min(float(box.texel.edges[0]) if box.texel else box.voxel_size for box in medium.boxes)
         fine, each = size / FINER, sample_bytes(colours, lighting)
         held = held_share(medium, low, size, touched) * float(np.count_nonzero(touched)) * FINER**3
