@@ -24,9 +24,7 @@ END_TRANSMITTANCE = 1e-2  # a ray ends below this transmittance, at DEFAULT_TOLE
 OPAQUE_OPTICAL_DEPTH = 16.0  # a shadow ray ends beyond this optical depth: exp(−16) = 1e-7
 LEAST_TRANSMITTANCE = 1e-7  # of lamps: less counts as this where the rate of light is computed
 UNKNOWN_RATE = 1e30  # stands for the rate of light at the first sample
-OWN_SIDE = (
-    0.75  # share of the rate to the nearer sample in that of light in half a step: a parabola through equal steps
-)
+OWN_SIDE = 0.75  # share of the rate to the nearer sample in half a step: a parabola through equal steps
 STEEPER = 4.0  # largest rate within a step, over the lesser one to its neighbours
 FIRST_RATE = 3.0  # rate of light that steps are made for behind the first sample, where none is known yet
 FIRST_STEP = 0.5  # of the deepest step: the first one in matter
