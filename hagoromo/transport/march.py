@@ -68,15 +68,14 @@ class LitSample:
 
     def gains(self, behind: list[Float]) -> list[Float]:
         """∫ σ exp(−D) · (light / light of the sample) over the step, with the rates to the sample behind it."""
-        rest, known, found = 1.0 - self.share, self.depth > 0.0, []
-        to_eye = self.depth * dr.exp(-self.before)
-        at_sample = dr.exp(-self.share * self.total)
-        for front, back in self._rates(behind):
-            begin = dr.exp(front * self.total * self.share)  # light there, over that of the sample
-            before = begin * self.share * mean_of_decay((1.0 + front) * self.share * self.total)
-            after = at_sample * rest * mean_of_decay((1.0 + back) * rest * self.total)
-            found.append(dr.select(known, to_eye * (before + after), 0.0))
-        return found
+        front, back = self.share * self.total, (1.0 - self.share) * self.total  # depths of the parts of the step
+        to_eye, known = self.depth * dr.exp(-self.place), self.depth > 0.0  # seen from the front, exp(−D) grows
+        shares = [
+            dr.fma(1.0 - self.share, mean_of_decay(dr.fma(behind, back, back)),
+                   self.share * mean_of_decay(-dr.fma(ahead, front, front)))
+            for ahead, behind in self._rates(behind)
+        ]  # fmt: skip
+        return [dr.select(known, to_eye * share, 0.0) for share in shares]
 
     def rest(self) -> list[Float]:
         """As `gains`, over the step and all behind it as if it went on, and for all boxes."""
