@@ -31,7 +31,8 @@ TURNS, NUMBERS = 3, 6  # of a change: its angles, and all
 
 
 class CameraChanges:
-    """Changes of cameras in their own axes (x right, y down, z ahead): one turn of all, or of `each` turn and shift.
+    """Changes of cameras: one of all, or one of `each`. A turn in the axes of each camera (x right, y down, z ahead), and
+    a shift: of all in the axes of the world, of each in its own.
 
     found: changes (6,) by camera, as `changes` gives them: rotation vector [rad], then the shift [m].
     """
@@ -50,9 +51,10 @@ class CameraChanges:
             turned, shifted = np.sqrt((self.values.reshape(-1, 2, TURNS) ** 2).sum(axis=2).mean(axis=0))
             return f"each turned by {turned / self.pixel:.2f} px and shifted by {1e3 * shifted:.3g} mm (rms)"
         down, left = self.values[0, :2] / self.pixel
-        roll = np.degrees(self.values[0, 2])
+        roll, shift = np.degrees(self.values[0, 2]), np.linalg.norm(self.values[0, TURNS:])
         return (
-            f"all turned: principal point {-left:.2f} px to the right and {down:.2f} px down, roll {roll:.3f} degrees"
+            f"all turned: principal point {-left:.2f} px to the right and {down:.2f} px down, roll {roll:.3f} degrees; "
+            f"shifted together by {1e3 * shift:.3g} mm"
         )
 
     @property
@@ -72,10 +74,14 @@ class CameraChanges:
         """Change the rays of a table of pixels, by `more` (6,) in addition."""
         moved = (self.values + more)[self.number].reshape(-1, 2, TURNS)
         turns, shifts = np.einsum("nji,nkj->kni", self.frames, moved)
-        pixels.move(turns, shifts)
+        pixels.move(turns, shifts if self.each else moved[:, 1])
 
     def step(self, rendering: Rendering, pixels: PixelTable, chunks: NDArray[np.integer], fall: float) -> None:
-        """Half a step of Gauss and Newton by some chunks of pixels, times `fall` for each camera: few are its own."""
+        """Half a step of Gauss and Newton by some chunks of pixels, times `fall` for each camera: few are its own.
+
+        A turn of all cameras shows nearly the same as a shift of all of them, or of the object, which follows a turn
+        that is wrong. So both are solved for.
+        """
         drawn = pixels.of(chunks)
         base = rendering.light(drawn)
         rest = [value - light for value, light in zip(drawn.values, base.channels, strict=True)]
@@ -84,28 +90,22 @@ class CameraChanges:
         slopes = self._slopes(rendering, pixels, chunks, base)
         residual, camera = np.stack([np.array(r, np.float64) for r in rest]), self.number[np.array(drawn.photograph)]
         copies = pixels.count / weights.shape[1] / (CORRELATED_EACH if self.each else CORRELATED)
-        prior, count = 1.0 / (PRIOR_EACH if self.each else PRIOR) ** 2, len(slopes)
-        units = self._units(pixels)[:count]
+        prior, units = 1.0 / (PRIOR_EACH if self.each else PRIOR) ** 2, self._units(pixels)
 
         def sums(values: Array) -> Array:
             return copies * np.bincount(camera, (weights * values).sum(axis=0), len(self.names))
 
         matrix = np.stack([[sums(a * b) for b in slopes] for a in slopes], axis=0).transpose(2, 0, 1)
-        now = self.values[:, :count] / units
-        side = np.stack([sums(a * residual) for a in slopes], axis=1) - prior * now
-        change = (
-            (fall if self.each else 1.0)
-            * DAMPED
-            * np.linalg.solve(matrix + prior * np.eye(count), side[..., None])[..., 0]
-        )
-        self.values = self.values.copy()
-        self.values[:, :count] += np.clip(change, -LARGEST, LARGEST) * units
+        side = np.stack([sums(a * residual) for a in slopes], axis=1) - prior * self.values / units
+        solved = np.linalg.solve(matrix + prior * np.eye(NUMBERS), side[..., None])[..., 0]
+        change = (fall if self.each else 1.0) * DAMPED * solved
+        self.values = self.values + np.clip(change, -LARGEST, LARGEST) * units
         self.apply(pixels)
 
     def _slopes(self, rendering: Rendering, pixels: PixelTable, chunks: NDArray[np.integer], base: SeenLight) -> Array:
-        """Derivatives (3 or 6, channels, pixels) of the light by what moves the picture by a pixel, by differences."""
+        """Derivatives (6, channels, pixels) of the light by what moves the picture by a pixel, by differences."""
         slopes, units = [], self._units(pixels)
-        for k in range(NUMBERS if self.each else TURNS):
+        for k in range(NUMBERS):
             self.apply(pixels, DIFFERENCE * units * np.eye(NUMBERS)[k])
             moved = rendering.light(pixels.of(chunks)).channels
             slopes.append([np.array(a - b, np.float64) / DIFFERENCE for a, b in zip(moved, base.channels, strict=True)])
@@ -116,6 +116,6 @@ class CameraChanges:
         mean = np.concatenate([self.values[:, :TURNS].mean(axis=0), np.zeros(TURNS)])
         change = self.changes.get(self.name_of(photograph), mean)
         pose = photograph.camera.world_to_camera.copy()
-        pose[:3, 3] -= change[TURNS:]
+        pose[:3, 3] -= change[TURNS:] if self.each else pose[:3, :3] @ change[TURNS:]
         pose[:3] = Rotation.from_rotvec(-change[:TURNS]).as_matrix() @ pose[:3]
         return replace(photograph, camera=photograph.camera.with_pose(pose))

@@ -106,20 +106,32 @@ def test_light_that_stands_still_is_not_taken_for_one_that_moves(standing):
     assert found.look.tried["object"] > found.look.tried["camera"]
 
 
+def looking_aside(capture, right, down):
+    """A capture whose principal points are stated wrong [px]."""
+    moved = []
+    for p in capture.photographs:
+        x, y = p.camera.principal
+        moved.append(replace(p, camera=replace(p.camera, principal=(x + right, y + down))))
+    return hg.Capture(tuple(moved), "aside")
+
+
 @pytest.mark.nightly
 def test_cameras_that_all_look_aside_are_turned_and_those_kept_aside_with_them(standing):
-    moved = []
-    for p in standing.photographs:
-        x, y = p.camera.principal
-        moved.append(replace(p, camera=replace(p.camera, principal=(x + ASIDE, y))))
-    aside, given = hg.Capture(tuple(moved), "aside"), replace(SETTINGS, light="even")
+    aside, given = looking_aside(standing, ASIDE, 0.0), replace(SETTINGS, light="even")
     found, stated = hg.recover(aside, given), hg.recover(aside, replace(given, refine="none"))
     assert stated.look.cameras is None and found.look.cameras is not None
     assert found.look.cameras.values[0][1] / found.look.cameras.pixel == pytest.approx(ASIDE, abs=0.4)  # px
     assert mean_psnr(found) > mean_psnr(stated) + 1.0  # dB
 
 
-@pytest.mark.xfail(strict=True, reason="found 1.0 px aside; the cause is not known")
+@pytest.mark.nightly
+def test_cameras_that_all_look_up_are_turned_though_a_shift_of_the_object_shows_nearly_the_same(standing):
+    """Most cameras look from the side: the object may follow a turn upwards that is wrong."""
+    found = hg.recover(looking_aside(standing, 0.0, ASIDE), replace(SETTINGS, light="even", refine="turn"))
+    assert found.look.cameras is not None
+    assert found.look.cameras.values[0][0] / found.look.cameras.pixel == pytest.approx(-ASIDE, abs=0.4)  # px
+
+
 @pytest.mark.nightly
 def test_exact_cameras_stay(standing):
     found = hg.recover(standing, replace(SETTINGS, light="even", refine="turn"))
