@@ -31,8 +31,8 @@ TURNS, NUMBERS = 3, 6  # of a change: its angles, and all
 
 
 class CameraChanges:
-    """Changes of cameras: one of all, or one of `each`. A turn in the axes of each camera (x right, y down, z ahead), and
-    a shift: of all in the axes of the world, of each in its own.
+    """Changes of cameras: one of all, or one of `each`. A turn in the axes of each camera (x right, y down, z ahead),
+    and a shift: of all in the axes of the world, of each in its own.
 
     found: changes (6,) by camera, as `changes` gives them: rotation vector [rad], then the shift [m].
     """

@@ -18,6 +18,7 @@ from hagoromo.photograph.photograph import Photograph
 from hagoromo.recovery.fuzzy_shape import THIN, FuzzyShape
 from hagoromo.recovery.lattice import Lattice
 from hagoromo.recovery.matter_field import COLOURS
+from hagoromo.recovery.near_surface import STEEP
 from hagoromo.recovery.recovered import BRIGHTEST, Recovered, RecoveredMesh
 from hagoromo.recovery.shading import ALPHA, each_gloss, figures
 from hagoromo.reflectance.reflectance import Reflectance
@@ -61,7 +62,9 @@ def recovered_box(recovered: Recovered, side: int | None = None) -> VolumeBox:
         place = place_of(point)
         distance = field.value_at(place) * (1.0 / per_node)  # voxels of the box
         there = coverage(distance + INWARDS, EDGE) * dr.select(distance > -SKIN, 1.0, 0.0)
-        on = place - unit(field.axis_at(place)) * (distance * per_node)  # of the surface, where colours are known
+        slope = field.axis_at(place)  # not of length 1: see `on_surface`
+        way = distance * per_node * dr.rcp(dr.fmax(dr.squared_norm(slope), STEEP))
+        on = place - slope * way  # of the surface, where colours are known
         colours = [dr.fmin(each * scale, BRIGHTEST) for each in field.colours_at(on)]
         material = jit.UInt(0) if field.shares is None else jit.UInt(clip(field.share_at(on), 0.0, 1.0) * last + 0.5)
         return there, unit(field.axis_at(on)), material, [*colours, jit.Float(0)]

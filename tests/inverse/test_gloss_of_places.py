@@ -52,7 +52,6 @@ def test_the_glazed_half_has_more_and_narrower_gloss():
     assert np.median(gloss.gamma[upper]) == pytest.approx(0.1, rel=0.2)
 
 
-@pytest.mark.xfail(strict=True, reason="1.4 dB: its own pictures became 0.4 dB better, those of the box 0.6 dB worse")
 @pytest.mark.nightly
 def test_its_box_shows_through_render_what_it_shows_itself(recovered, aside):
     """The box has some levels of the share; what that costs is less than what its voxels cost."""

@@ -7,6 +7,7 @@ import pytest
 
 import hagoromo as hg
 from hagoromo.backend import arrays, vectors
+from hagoromo.image.relight.stage import basis_camera
 from hagoromo.matter import shape as sd
 from hagoromo.recovery.distance_field import DistanceField
 from hagoromo.recovery.errors import errors_of
@@ -135,6 +136,23 @@ def test_outlines_outside_of_those_of_masks_are_measured_and_said():
     assert abs(right.beyond) < 0.12 * right.lattice.voxel
     assert any("mm outside its masks" in said for said in large.record()["remarks"])
     assert not any("mm outside its masks" in said for said in right.record()["remarks"])
+
+
+def test_a_box_has_the_body_colours_of_the_surface_however_steep_the_distance():
+    """A distance that rises by 1.7 a voxel, as recoveries have it, of a ball whose colours differ by a quarter a voxel
+    inwards: the box looks as that of a ball of one colour does.
+    """
+    ball = recovered_of(RoundBody(), 0.0)
+    ball = replace(ball, distance=np.float32(1.7) * ball.distance)
+    way = (np.linalg.norm(ball.lattice.nodes(), axis=-1) - 0.03) / ball.lattice.voxel
+    colours = np.repeat((0.4 - 0.1 * way)[..., None], 3, axis=3).astype(np.float32)  # 0.4 on the surface
+    photograph, response, shown = ball.photographs[0], basis_camera(), []
+    camera = replace(photograph.camera, response=response, sensor=None)
+    for found in (ball, replace(ball, colours=colours)):
+        scene = hg.Scene(camera, photograph.lamps, boxes=(found.box(),))
+        shown.append(hg.render(scene, hg.Settings(samples=4)).expose(response)[..., 1])
+    bright = shown[0] > 0.5 * shown[0].max()
+    assert np.median(shown[1][bright] / shown[0][bright]) == pytest.approx(1.0, abs=0.01)
 
 
 def test_light_between_parts_of_a_white_bowl_is_said():
