@@ -30,6 +30,7 @@ SOFT, SHARP, LAST_SOFT, LAST_SHARP = 1.0, 0.15, 0.6, 0.1  # s at begin and end o
 # s at the end of the last level, where pixels are large [px]: the mean of a square pixel blurs an edge by 0.29 px, the
 # logistic function of width s by 1.8 s, and d rises by about 1.5 a voxel
 PIXEL_EDGE, SOFTEST = 0.24, 0.33  # and s at most [voxel]
+SOFT_WALL = 0.125  # of the thickness of a hollow's wall, s at most: it is opaque then, by 97 % where it is straight on
 BYTES_PER_PIXEL = 120.0  # of all arrays together
 RAYS_SIDE = 64  # nodes along the longest edge of the lattice up to which the rays of a step are as stated
 TRIAL, LESS = 0.3, 0.95  # of the steps, in which a hollow is tried; of what is left over, that it must be below
@@ -151,11 +152,12 @@ class Levels:
             return begin, progress
         look, tried = FoundLook.of(self.look), []
         share = TRIAL / (1.0 + TRIAL * (1 + len(hollows)))  # of the work of the level, that a trial takes
-        for number, shape in enumerate((begin, *hollows.values())):
+        for number, (wall, shape) in enumerate([(np.inf, begin), *hollows.items()]):
             self.look = look.of_views(self.views)
             descent, chunks = self._descent(shape, True), self.chunks_of(self.sides[-1])
             own = part_of(progress, number * share, share)
-            descent.run(max(round(TRIAL * steps), 1), chunks, (SOFT, SHARP), descent.moves.rates[1], own)
+            softness = min(SOFT, SOFT_WALL * wall), SHARP
+            descent.run(max(round(TRIAL * steps), 1), chunks, softness, descent.moves.rates[1], own)
             tried.append((left_over(descent), shape.after(descent.field, descent.gloss), FoundLook.of(self.look)))
         best = min(range(len(tried)), key=lambda k: tried[k][0])
         if best and tried[best][0] <= LESS * tried[0][0]:
@@ -187,12 +189,14 @@ class Levels:
         return max(1, int(self._footprint(lattice) / FOOTPRINT))
 
     def _softness(self, last: bool) -> tuple[float, float]:
-        """s at begin and end of a level [voxel]."""
+        """s at begin and end of a level [voxel]; a thin wall would melt in a soft one."""
         if not last:
             return SOFT, SHARP
         lattice = self.begin.lattice
         pixel = self._joined(lattice) / self._footprint(lattice)  # [voxel]
-        return LAST_SOFT, float(np.clip(PIXEL_EDGE * pixel, LAST_SHARP, SOFTEST))
+        end = float(np.clip(PIXEL_EDGE * pixel, LAST_SHARP, SOFTEST))
+        wall = np.inf if self.hollow is None else self.hollow.wall_m / lattice.voxel
+        return max(min(LAST_SOFT, SOFT_WALL * wall), end), end
 
     def _descent(self, begin: MatterShape, last: bool) -> Descent:
         """The descent of a level."""

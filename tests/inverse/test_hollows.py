@@ -5,9 +5,11 @@ import numpy as np
 import pytest
 
 import hagoromo as hg
+from hagoromo.backend import vectors
 from hagoromo.recovery.hollows import FoundHollow, hollowed
 from hagoromo.recovery.lattice import Lattice
 from hagoromo.recovery.levels import Levels
+from hagoromo.recovery.near_surface import THICK
 from hagoromo.recovery.shading import START, coordinates
 from hagoromo.recovery.surface_shape import SurfaceShape
 from studies.recover_scenes import shots, simulated
@@ -64,6 +66,18 @@ def test_a_bowl_is_found_where_steps_from_the_hull_make_a_dent():
     aside = simulated(ThickBowl(), shots(4, 5, 60, 2, pixels=72), noise=False)
     found = hg.recover(taken.capture, hg.RecoverySettings(side=34, steps=50, keep=0, errors=False))
     assert shape_errors(found, aside).angles.mean() < 15.0  # a dent has 30 degrees
+
+
+@pytest.mark.nightly
+def test_the_wall_of_a_bowl_stays_thin():
+    """Of 1.7 voxels: in a soft edge one of 3 voxels, the thinnest that is tried, would melt, and a thicker one be taken."""
+    taken = simulated(Bowl(), shots(18, 5, 60, 1, pixels=72), 1)
+    found = hg.recover(taken.capture, hg.RecoverySettings(side=34, steps=50, keep=0, errors=False))
+    way = np.linspace(0.015, 0.04, 251)  # m, downwards from the middle
+    value = found.surface_field.value_at(vectors(found.lattice.from_world(way[:, None] * [0.0, 0.0, -1.0])))
+    inside = way[np.array(value) < 0.0]
+    assert inside[-1] == pytest.approx(0.032, abs=0.5e-3)
+    assert inside[-1] - inside[0] < THICK * found.lattice.voxel
 
 
 def test_the_hollow_that_was_found_is_in_the_record_also_after_an_interrupt(monkeypatch, tmp_path):
