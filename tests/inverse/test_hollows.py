@@ -70,7 +70,7 @@ def test_a_bowl_is_found_where_steps_from_the_hull_make_a_dent():
 
 @pytest.mark.nightly
 def test_the_wall_of_a_bowl_stays_thin():
-    """Of 1.7 voxels: in a soft edge one of 3 voxels, the thinnest that is tried, would melt, and a thicker one be taken."""
+    """Of 1.7 voxels: in a soft edge the thinnest that is tried, of 3, would melt, and a thicker one would be taken."""
     taken = simulated(Bowl(), shots(18, 5, 60, 1, pixels=72), 1)
     found = hg.recover(taken.capture, hg.RecoverySettings(side=34, steps=50, keep=0, errors=False))
     way = np.linspace(0.015, 0.04, 251)  # m, downwards from the middle
