@@ -152,11 +152,11 @@ class Levels:
             return begin, progress
         look, tried = FoundLook.of(self.look), []
         share = TRIAL / (1.0 + TRIAL * (1 + len(hollows)))  # of the work of the level, that a trial takes
-        for number, (wall, shape) in enumerate([(np.inf, begin), *hollows.items()]):
+        softness = min(SOFT, SOFT_WALL * min(hollows)), SHARP  # of all alike: a soft edge by itself leaves more
+        for number, shape in enumerate((begin, *hollows.values())):
             self.look = look.of_views(self.views)
             descent, chunks = self._descent(shape, True), self.chunks_of(self.sides[-1])
             own = part_of(progress, number * share, share)
-            softness = min(SOFT, SOFT_WALL * wall), SHARP
             descent.run(max(round(TRIAL * steps), 1), chunks, softness, descent.moves.rates[1], own)
             tried.append((left_over(descent), shape.after(descent.field, descent.gloss), FoundLook.of(self.look)))
         best = min(range(len(tried)), key=lambda k: tried[k][0])
