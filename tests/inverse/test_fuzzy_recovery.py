@@ -37,8 +37,11 @@ def recovered(taken):
     return hg.recover(taken.capture, SETTINGS)
 
 
-def test_new_views_under_new_lamps_are_predicted(aside, recovered):
-    assert recovered.matter == "fuzzy" and psnr(recovered, aside) > 24.0
+def test_new_views_under_new_lamps_are_predicted(taken, aside, recovered):
+    """In the mean of two descents, which differ by what rays they draw: by 0.7 dB."""
+    other = hg.recover(taken.capture, replace(SETTINGS, seed=1))
+    assert recovered.matter == other.matter == "fuzzy"
+    assert 0.5 * (psnr(recovered, aside) + psnr(other, aside)) > 24.0
 
 
 @pytest.mark.nightly
