@@ -69,7 +69,7 @@ class LitSample:
     def gains(self, behind: list[Float]) -> list[Float]:
         """∫ σ exp(−D) · (light / light of the sample) over the step, with the rates to the sample behind it."""
         front, back = self.share * self.total, (1.0 - self.share) * self.total  # depths of the parts of the step
-        to_eye, known = self.depth * dr.exp(-self.place), self.depth > 0.0  # seen from the front, exp(−D) grows
+        to_eye, known = self.depth * dr.exp(-self.place), self.depth > 0.0  # exp(−D) at the sample: more in front of it
         shares = [
             dr.fma(1.0 - self.share, mean_of_decay(dr.fma(behind, back, back)),
                    self.share * mean_of_decay(-dr.fma(ahead, front, front)))

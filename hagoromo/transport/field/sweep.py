@@ -26,6 +26,7 @@ from hagoromo.transport.field.fit import FINER
 from hagoromo.transport.field.matter_samples import MatterSamples
 from hagoromo.transport.field.second_order import MEAN, NUMBERS, projected, second_order
 from hagoromo.transport.film import scrambled
+from hagoromo.transport.step_elements import mean_of_decay
 
 LEAST_PASSED = 1e-4  # of light along a ray, below which the ray ends; its last source stands for all behind it
 LEAST_DEPTH = 1e-6  # a way through a cell with less counts as empty
@@ -322,13 +323,6 @@ def selected(mask: Bool, yes: list[Float], no: list[Float]) -> list[Float]:
 def with_ramp(light: list[Float], near: Float, front: list[Float], far: Float, back: list[Float]) -> list[Float]:
     """light + near · front + far · back, of every channel."""
     return [dr.fma(near, f, dr.fma(far, b, old)) for old, f, b in zip(light, front, back, strict=True)]
-
-
-def mean_of_decay(depth: Float) -> Float:
-    """∫ exp(−D x) dx over 0…1."""
-    thin = depth < 0.02
-    safe = dr.select(thin, 1.0, depth)
-    return dr.select(thin, 1.0 - depth * (0.5 - depth * (1.0 / 6.0)), (1.0 - dr.exp(-safe)) / safe)
 
 
 def ramp(depth: Float) -> tuple[Float, Float, Float]:

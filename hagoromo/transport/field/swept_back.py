@@ -25,10 +25,10 @@ from hagoromo.transport.field.sweep import (
     Path,
     Ways,
     chord_through,
-    mean_of_decay,
     ramp,
 )
 from hagoromo.transport.field.whole_sums import WholeSums
+from hagoromo.transport.step_elements import mean_of_decay
 
 # receiver (its cell), way → the derivative by the light that arrives there, of every channel
 ByRay = Callable[[UInt, UInt], list[Float]]
