@@ -71,13 +71,14 @@ def _cell(text: str) -> str:
 
 
 def verbs(*group: str) -> list[tuple[str, ...]]:
-    """Every verb, and every verb of a group, in the order of the command line."""
+    """Every verb, and every verb of a group, in the order of `hagoromo --help`."""
     from hagoromo.app.verb import abouts
 
-    shown = help_of(*group)
-    usage = re.match(r"usage: hagoromo[^{]*\{([^}]*)\}", shown)
-    names = re.sub(r"\s", "", usage[1]).split(",") if usage and "subcommands" in shown else []
-    names = names if group else sorted(abouts)
+    names = sorted(abouts)
+    if group:
+        shown = help_of(*group)
+        usage = re.match(r"usage: hagoromo[^{]*\{([^}]*)\}", shown)
+        names = re.sub(r"\s", "", usage[1]).split(",") if usage and "subcommands" in shown else []
     return [verb for name in names for verb in ((*group, name), *verbs(*group, name))]
 
 

@@ -8,7 +8,6 @@ Commands import modules when they run, so that `--help` is fast.
 from __future__ import annotations
 
 import contextlib
-import difflib
 import functools
 import io
 import json
@@ -101,12 +100,12 @@ def _run(arguments: list[str], ends: bool) -> int:
     if arguments == ["--version"]:
         print(f"hagoromo {hg.__version__}")
         return DONE
-    if arguments in (["-h"], ["--help"]):
-        print(overview(DESCRIPTION))
-        return DONE
 
     def run() -> int | None:
         words, options = taken(arguments)
+        if words in (["-h"], ["--help"]):
+            print(overview(DESCRIPTION))
+            return DONE
         _check_command(words)
         with everywhere(options), signals_as_interrupt():
             return parsed(words)()
@@ -119,6 +118,8 @@ def _check_command(words: Sequence[str]) -> None:
     if not words:
         raise InputError("no command was given: `hagoromo --help` lists them")
     if words[0] not in abouts and not words[0].startswith("-"):
+        import difflib
+
         near = "".join(f"give {name}, or " for name in difflib.get_close_matches(words[0], abouts, 1))
         given = PASSWORD.sub("…@", words[0])
         raise InputError(f"{given!r} is no command: {near}see `hagoromo --help`")

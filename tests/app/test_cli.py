@@ -57,6 +57,7 @@ def test_help_has_a_line_or_two_for_each_command(monkeypatch, capsys):
     listed = shown.partition("says more:")[2].splitlines()[2:]
     names = [line.split()[0] for line in listed if line[2] != " "]
     assert names == sorted(abouts) and len(names) > 30
+    assert main(["--quiet", "-h"]) == 0 and capsys.readouterr().out == shown
     assert max(map(len, shown.splitlines())) <= 80 and len(listed) <= 2 * len(names)
 
 
