@@ -55,6 +55,11 @@ class FittedLamps(NamedTuple):
         """Standard deviation of ln strength over the stated ones."""
         return float(np.std(np.log(self.strength)))
 
+    @property
+    def farthest(self) -> int:
+        """Number of the lamp whose strength differs most from the stated one."""
+        return int(np.argmax(np.abs(np.log(self.strength))))
+
     def even(self, shading: ShadingSample) -> ShadingSample:
         """The sample without the differences in strength, where they are evident."""
         return replace(shading, values=shading.values / self.strength[:, None]) if self.uneven else shading
@@ -144,7 +149,7 @@ def strengths_check(shading: ShadingSample, found: FittedLamps) -> Check:
     if not found.uneven:
         said = f"the lamps are as strong beside one another as stated, to {spread:.2g} %"
         return _unless_hidden("strengths", said, f"{STRONGER:g} times as strong", _stronger_ones(shading.few(), found))
-    far = int(np.argmax(np.abs(np.log(found.strength))))
+    far = found.farthest
     return doubtful(
         "strengths",
         f"the lamps differ from the stated strengths by {spread:.2g} % (root mean square), {shading.names[far]} by a "
@@ -205,7 +210,7 @@ def _stronger_ones(few: ShadingSample, plain: FittedLamps) -> list[bool]:
     for k in _tried(few):
         more = np.where(np.arange(len(few.values)) == k, STRONGER, 1.0)
         found = _strengths(replace(few, values=few.values * more[:, None]), 1.0, np.log(plain.strength * more))
-        noticed.append(found.uneven and int(np.argmax(np.abs(np.log(found.strength)))) == k)
+        noticed.append(found.uneven and found.farthest == k)
     return noticed
 
 
