@@ -31,8 +31,14 @@ class ViewsOptions:
     flash_offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """with --lamp flash: where the flash is, to the right, down and forward from the camera [m]."""
 
-    lamps_fixed_to: str = CAMERA
-    """with --views and --lamps: camera, which they move with, or the photograph in whose camera's axes they stand."""
+    lamps_fixed_to: Annotated[
+        str,
+        arg(
+            help="with --views and --lamps: camera: the lamps move with it, or the object turns before them; or the "
+            "name of the photograph in whose camera's axes they are, if they are fixed in space. Without lamps of its "
+            "name, each photograph has all."
+        ),
+    ] = CAMERA
 
     turntable: bool = False
     """with --views: the object turned before a camera that stood still: only points on its mask are used."""
