@@ -72,7 +72,7 @@ def _cell(text: str) -> str:
 
 def verbs(*group: str) -> list[tuple[str, ...]]:
     """Every verb, and every verb of a group, in the order of `hagoromo --help`."""
-    from hagoromo.app.verb import abouts
+    from hagoromo.app.cli import abouts  # with all commands registered
 
     names = sorted(abouts)
     if group:
