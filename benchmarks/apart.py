@@ -31,7 +31,7 @@ from hagoromo.files.exr import write_exr
 from hagoromo.files.mesh import read_mesh
 from hagoromo.files.volume_file import read_volume
 from hagoromo.files.whole import write_text
-from hagoromo.image.any_picture import read_any_picture
+from hagoromo.image.picture.any_picture import read_any_picture
 from hagoromo.photograph.development.exposure import StatedExposure, read_exposure
 from hagoromo_formats.cameras.lensfun import camera_by_lensfun
 from hagoromo_formats.volumes.nrrd_file import write_nrrd

@@ -18,7 +18,7 @@ from peers_scene import noisy_voxels
 from shells import FUZZY, MIDDLE, camera, lamps
 
 import hagoromo as hg
-from hagoromo.image.modes import Mode, Shadows
+from hagoromo.image.scene.modes import Mode, Shadows
 
 RECIPES = Path(__file__).parents[1] / "examples" / "recipes"
 SMALLER = {  # recipes of minutes, made smaller; extinction as light of all orders needs it

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 
 import hagoromo as hg
-import hagoromo.image.full_picture as full
+import hagoromo.image.full.picture as full
 
 DEPTHS = (0.5, 1.0, 2.0, 4.0, 7.0)  # mean free paths a cell
 ACROSS = 12  # cells along an edge of the cube

@@ -28,7 +28,7 @@ from rough_scenes import measured as rough_times
 from turns import medians, options, record
 
 import hagoromo as hg
-from hagoromo.image.modes import Shadows
+from hagoromo.image.scene.modes import Shadows
 
 BEFORE = (  # shadows, tolerance, time over that of the yardstick, relative error
     ("map", 0.16, 0.525, 0.02292),

@@ -22,7 +22,7 @@ from turns import Frame, in_turn, options, record
 
 import hagoromo as hg
 from hagoromo.backend import arrays, opaque_vector
-from hagoromo.image.settings import Settings
+from hagoromo.image.scene.settings import Settings
 from hagoromo.transport.film import tile_order
 from hagoromo.transport.lighting import Attenuation, Lighting
 from hagoromo.transport.march import march

@@ -35,8 +35,8 @@ from tables import CHASE
 from turns import RECORDS, options, record
 
 import hagoromo as hg
-from hagoromo.image.full_picture import full_picture
-from hagoromo.image.prepared_scene import SceneCache
+from hagoromo.image.full.picture import full_picture
+from hagoromo.image.prepared.prepared_scene import SceneCache
 from hagoromo.transport.film import pixel_points
 
 BLOCK = 32  # px a side

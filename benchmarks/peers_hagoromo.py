@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from peers_scene import ALPHA, EYE, FOCAL, INTENSITY, VOXEL, PeerScene
 
 import hagoromo as hg
-from hagoromo.image.settings import Settings
+from hagoromo.image.scene.settings import Settings
 
 FINEST = 0.0025  # tolerance of the reference: a sixteenth of the usual one
 FINEST_UNSHADED = FINEST / 16.0  # without shadows: normals that vary from voxel to voxel need shorter steps

@@ -23,7 +23,7 @@ from peers_scene import noisy_voxels
 
 import hagoromo as hg
 from hagoromo.backend import name as backend_name
-from hagoromo.image.settings import Settings
+from hagoromo.image.scene.settings import Settings
 
 WHITE = hg.Spectrum.constant(1.0)
 EYE = np.array([0.0, 0.0, 3.0])

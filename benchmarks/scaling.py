@@ -20,7 +20,7 @@ from steps import steps_of
 from turns import Frame, in_turn, medians, options, record, seconds
 
 import hagoromo as hg
-from hagoromo.image.settings import Settings
+from hagoromo.image.scene.settings import Settings
 
 PIXELS, LAMPS, VOXELS = 512, 3, 512  # where they are not what is varied
 MAPPED, UNSHADED = Settings(shadow_resolution=1024), Settings(shadows="none")

@@ -12,8 +12,8 @@ import drjit as dr
 
 import hagoromo as hg
 from hagoromo.backend import arrays
-from hagoromo.image.prepared_scene import PreparedScene
-from hagoromo.image.settings import Settings
+from hagoromo.image.prepared.prepared_scene import PreparedScene
+from hagoromo.image.scene.settings import Settings
 from hagoromo.transport.film import tile_place
 from hagoromo.transport.lighting import Lighting
 from hagoromo.transport.march import march, optical_depth

@@ -32,9 +32,9 @@ from turns import options, record
 
 import hagoromo as hg
 from hagoromo.backend import Array3f, Bool, Float, UInt, arrays
-from hagoromo.image.full_picture import light_of
-from hagoromo.image.path_picture import ALL_ORDERS, walks_of
-from hagoromo.image.prepared_scene import PreparedScene, SceneCache
+from hagoromo.image.full.picture import light_of
+from hagoromo.image.path.picture import ALL_ORDERS, walks_of
+from hagoromo.image.prepared.prepared_scene import PreparedScene, SceneCache
 from hagoromo.transport.field.field import Field
 from hagoromo.transport.field.second_order import second_order
 from hagoromo.transport.path.bands import Bands

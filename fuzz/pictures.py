@@ -256,7 +256,7 @@ def hdr(path: Path) -> None:
 
 def spectral(path: Path) -> None:
     """Spectral EXR."""
-    from hagoromo.image.spectral_exr import SpectralPicture, write_spectral_exr
+    from hagoromo.image.picture.spectral_exr import SpectralPicture, write_spectral_exr
 
     values = np.random.default_rng(8).random((5, 7, 4)).astype(np.float32)
     write_spectral_exr(path, SpectralPicture(values, np.array([450.0, 500.0, 550.0, 600.0]), True))

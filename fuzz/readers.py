@@ -117,13 +117,13 @@ def _pixels(path: Path) -> Any:
 
 
 def _float_exposure(path: Path) -> Any:
-    from hagoromo.image.compare import compare
+    from hagoromo.image.picture.compare import compare
 
     return compare(path, path), _pixels(path)
 
 
 def _picture(path: Path) -> Any:
-    from hagoromo.image.any_picture import read_any_picture
+    from hagoromo.image.picture.any_picture import read_any_picture
 
     return read_any_picture(path).linear
 
@@ -199,7 +199,8 @@ def _sheet(path: Path) -> Any:
     return read_surface(path.parent / "measured"), _plan(path)
 
 
-LOAD_SCENE = _late("hagoromo.image.scene_file", "load_scene")
+READ_TEXTURE = _late("hagoromo.image.scene.surface_texture", "SurfaceTexture.from_file")
+LOAD_SCENE = _late("hagoromo.image.scene.scene_file", "load_scene")
 READ_VIEWS = _late("hagoromo.camera.formats.camera_file", "read_views")
 LOAD_BOX = _late("hagoromo.volume.store.box_store", "load_box")
 READ_MAP = _late("hagoromo.light.environment", "Environment.from_file")
@@ -216,7 +217,7 @@ SIMPLE = (
     Reader("scene.toml", records.scene, LOAD_SCENE, "scene.toml"),
     Reader("view-scene.session", scene_session, viewer.read_of("scene.toml"), share=0.5, good=HAS_VISER, spoil=spoil),
     Reader("view-image.session", image_session, viewer.read_of("a.exr"), share=0.3, good=HAS_VISER, spoil=spoil),
-    Reader("motion", records.motion, _late("hagoromo.image.film.motion", "read_motion"), "scene.toml"),
+    Reader("motion", records.motion, _late("hagoromo.image.scene.motion", "read_motion"), "scene.toml"),
     *(
         Reader(f"recipe-{name}.toml", records.recipe(name), _tables)
         for name in ("linen", "jacquard", "stockinette", "covert", "down", "wing", "skin", "solid")
@@ -252,7 +253,7 @@ SIMPLE = (
     Reader("wif.wif", records.text(records.WIF), _draft),
     Reader("map.hdr", pictures.map_hdr, READ_MAP),
     Reader("map.exr", pictures.map_exr, READ_MAP, share=0.3),
-    Reader("texture.png", pictures.png, _late("hagoromo.image.surface_texture", "SurfaceTexture.from_file"), share=0.3),
+    Reader("texture.png", pictures.png, READ_TEXTURE, share=0.3),
     Reader("ies.ies", records.text(records.IES), _info),
     Reader("lensfun.xml", records.text(records.LENSFUN), _lens),
     Reader("mesh.ply", records.text(records.PLY), READ_MESH),
@@ -297,9 +298,9 @@ SIMPLE = (
     Reader("scan-lines.exr", pictures.exr, _float_exposure),
     Reader("tiles.exr", pictures.exr_tiles, _float_exposure, share=0.1),
     Reader("parts.exr", pictures.exr_parts, _pixels, share=0.1),
-    Reader("rendered.exr", pictures.rendered, _late("hagoromo.image.image", "read_image")),
+    Reader("rendered.exr", pictures.rendered, _late("hagoromo.image.picture.image", "read_image")),
     Reader("a.hdr", pictures.hdr, _picture),
-    Reader("spectral.exr", pictures.spectral, _late("hagoromo.image.spectral_exr", "read_spectral_exr")),
+    Reader("spectral.exr", pictures.spectral, _late("hagoromo.image.picture.spectral_exr", "read_spectral_exr")),
     Reader("8-bit.png", pictures.png, _pixels),
     Reader("profile.png", pictures.png_profile, _picture),
     Reader("profile.icc", pictures.icc, _profile),

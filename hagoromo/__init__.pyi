@@ -123,21 +123,21 @@ from .matter.build import build as build, build_to as build_to
 from .matter.relief.relief import Relief as Relief, relief_plan as relief_plan
 
 # Scenes and images
-from .image.surface import Surface as Surface
-from .image.surface_texture import SurfaceTexture as SurfaceTexture
-from .image.scene import Scene as Scene
-from .image.scene_file import load_scene as load_scene
+from .image.scene.surface import Surface as Surface
+from .image.scene.surface_texture import SurfaceTexture as SurfaceTexture
+from .image.scene.scene import Scene as Scene
+from .image.scene.scene_file import load_scene as load_scene
 from .transport.palette import Palette as Palette
-from .image.shown import DisplayView as DisplayView
-from .image.image import Image as Image, read_image as read_image
+from .image.picture.shown import DisplayView as DisplayView
+from .image.picture.image import Image as Image, read_image as read_image
 from .image.expose import expose as expose
-from .image.settings import Settings as Settings
-from .image.unfinished import RenderInterrupted as RenderInterrupted
+from .image.scene.settings import Settings as Settings
+from .image.path.unfinished import RenderInterrupted as RenderInterrupted
 from .image.simulate import simulate as simulate, visible_shape as visible_shape
 from .image.render import render as render
 from .image.recipe_sheet import RecipeSheet as RecipeSheet, recipe_sheet as recipe_sheet
 from .image.film.film import Filmed as Filmed, Turn as Turn, film as film
-from .image.full_gradient import ColourGradient as ColourGradient, full_gradient as full_gradient
+from .image.full.gradient import ColourGradient as ColourGradient, full_gradient as full_gradient
 from .image.ray_gradient import RayGradient as RayGradient, RayLight as RayLight
 from .image.ray_march import RayMarch as RayMarch, march as march
 from .image.preview import Preview as Preview, preview as preview
@@ -149,8 +149,8 @@ from .image.spectra.spectrum_colour import (
     spectrum_colour as spectrum_colour,
     spectrum_difference as spectrum_difference,
 )
-from .image.compare import Comparison as Comparison, compare as compare, delta_e_map as delta_e_map
-from .image.spectral_exr import (
+from .image.picture.compare import Comparison as Comparison, compare as compare, delta_e_map as delta_e_map
+from .image.picture.spectral_exr import (
     SpectralPicture as SpectralPicture,
     read_spectral_exr as read_spectral_exr,
     spectral_picture as spectral_picture,

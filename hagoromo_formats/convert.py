@@ -20,11 +20,11 @@ from hagoromo.files.record import read_toml
 from hagoromo.files.stores import address
 from hagoromo.files.tiff import read_tiff
 from hagoromo.files.whole import replaceable_file
-from hagoromo.image.any_picture import convert_picture
-from hagoromo.image.film.motion import read_motion
-from hagoromo.image.image import read_image
-from hagoromo.image.scene_file import load_scene
-from hagoromo.image.spectral_exr import spectral_picture, write_spectral_exr
+from hagoromo.image.picture.any_picture import convert_picture
+from hagoromo.image.picture.image import read_image
+from hagoromo.image.picture.spectral_exr import spectral_picture, write_spectral_exr
+from hagoromo.image.scene.motion import read_motion
+from hagoromo.image.scene.scene_file import load_scene
 from hagoromo.light.spectrum import OTHER_FILES
 from hagoromo.matter.build import build_to
 from hagoromo.photograph.gather import gather, size_of_images

@@ -18,10 +18,10 @@ import numpy as np
 import hagoromo as hg
 from hagoromo.cluster.cluster import workers_of
 from hagoromo.files.cache import PLACE
-from hagoromo.image.path_picture import path_picture
+from hagoromo.image.path.picture import path_picture
+from hagoromo.image.path.walk_sums import FIRST_WALKS, WalkSums
 from hagoromo.image.render_tiles import render_tiles
 from hagoromo.image.scene_on_worker import TASKS_PER_WORKER, SceneOrder
-from hagoromo.image.walk_sums import FIRST_WALKS, WalkSums
 from hagoromo.image.walk_tiles import PIXELS, walk_on
 from hagoromo_matter.demo.figure_scene import camera_of, cast_of, resized_scene, write_figure_scene
 from studies.cluster_bench import SCENE, cpu_seconds, load

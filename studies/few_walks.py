@@ -19,10 +19,10 @@ import tyro
 from numpy.typing import NDArray
 
 import hagoromo as hg
-from hagoromo.image.full_mend import Mender
-from hagoromo.image.full_picture import batches_and_bands
-from hagoromo.image.full_walks import FOLDS, BlockSums, PictureBlocks, WalkThrough, in_blocks, walks_here
-from hagoromo.image.prepared_scene import SceneCache
+from hagoromo.image.full.mend import Mender
+from hagoromo.image.full.picture import batches_and_bands
+from hagoromo.image.full.walks import FOLDS, BlockSums, PictureBlocks, WalkThrough, in_blocks, walks_here
+from hagoromo.image.prepared.prepared_scene import SceneCache
 from hagoromo_matter.demo.figures import Cast
 from studies.command import command
 from studies.full_error import PIXELS, RAYS, SCENES, write_page

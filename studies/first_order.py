@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import hagoromo as hg
-from hagoromo.image.modes import Shadows
+from hagoromo.image.scene.modes import Shadows
 from hagoromo.transport.frames import DEFAULT_TOLERANCE, LONGEST_STEP
 from studies.command import command
 from studies.first_order_page import write_first_order_page

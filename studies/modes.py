@@ -19,7 +19,7 @@ import tyro
 from numpy.typing import NDArray
 
 import hagoromo as hg
-from hagoromo.image.modes import Mode
+from hagoromo.image.scene.modes import Mode
 from studies.command import command
 from studies.modes_scenes import ORDER, SceneFolders, scene_of, title_of
 from studies.orders import BLOCK, MODES, beside_path, images_of, in_blocks, row

@@ -17,7 +17,7 @@ import tyro
 from numpy.typing import NDArray
 
 import hagoromo as hg
-from hagoromo.image.modes import Mode
+from hagoromo.image.scene.modes import Mode
 from studies.command import command
 from studies.orders_colour import colour_row
 from studies.orders_colour import plot as plot_colour

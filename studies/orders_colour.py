@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 import hagoromo as hg
-from hagoromo.image.modes import Mode
+from hagoromo.image.scene.modes import Mode
 
 STEPS = 4  # of the secant by mode full
 NEAR = 1e-3  # of the mean

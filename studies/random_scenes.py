@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import hagoromo as hg
-from hagoromo.image.modes import Mode
+from hagoromo.image.scene.modes import Mode
 from studies import full_error
 from studies.command import command
 from studies.drawn_scenes import drawn_scene

@@ -22,7 +22,7 @@ import numpy as np
 from tyro.conf import Positional
 
 import hagoromo as hg
-from hagoromo.image.modes import Mode
+from hagoromo.image.scene.modes import Mode
 from hagoromo_matter.demo.figure_scene import camera_of, cast_of, resized_scene, write_figure_scene
 from hagoromo_matter.demo.figures import PAPER_FIGURES
 from studies.command import command

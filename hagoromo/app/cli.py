@@ -384,7 +384,7 @@ def compare(
         map: PNG of ΔE00, pixel by pixel: black is 0, pale yellow 10 and more.
     """
     if map is not None:
-        from hagoromo.image.compare import map_picture
+        from hagoromo.image.picture.compare import map_picture
 
         with whole_file(map, force) as partial:
             hg.write_png(partial, map_picture(hg.delta_e_map(a, b, mask, peak)), srgb=True)

@@ -131,7 +131,7 @@ def _toml(path: Path) -> Facts:
         return {"kind": "batch", "each": record.get("each"), "steps": names}
     if "camera" not in record:
         return {"kind": "matter", **{key: short(value) for key, value in record.items()}}
-    from hagoromo.image.scene_file import load_scene
+    from hagoromo.image.scene.scene_file import load_scene
 
     scene, settings = load_scene(path)
     return {

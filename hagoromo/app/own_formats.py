@@ -44,8 +44,8 @@ FORMATS = (
         facts=f"{PIXELS}:hdr",
     ),
     Format(
-        "spectral EXR (Fichet et al.)", "picture", (".exr",), "hagoromo.image.spectral_exr:read_spectral_exr",
-        "hagoromo.image.spectral_exr:write_spectral_exr", "as OpenEXR", "colour-science, OpenEXR",
+        "spectral EXR (Fichet et al.)", "picture", (".exr",), "hagoromo.image.picture.spectral_exr:read_spectral_exr",
+        "hagoromo.image.picture.spectral_exr:write_spectral_exr", "as OpenEXR", "colour-science, OpenEXR",
         "polarisation, bispectral channels; out: one spectrum a pixel in place of the weights",
     ),
     Format(

@@ -19,9 +19,9 @@ from hagoromo.files.raw import raw_size, read_raw
 from hagoromo.files.record import json_value
 from hagoromo.files.tiff import read_tiff, tiff_page
 from hagoromo.files.volume_file import look_at_volume, read_volume
-from hagoromo.image.full_error import FullError
-from hagoromo.image.image import lamp_names_in
-from hagoromo.image.sums_channels import NAME as CHANNEL_OF_SUMS
+from hagoromo.image.picture.full_error import FullError
+from hagoromo.image.picture.image import lamp_names_in
+from hagoromo.image.picture.sums_channels import NAME as CHANNEL_OF_SUMS
 
 Facts = dict[str, Any]
 LONGEST_TEXT = 200  # characters that are shown

@@ -14,12 +14,12 @@ from hagoromo.app.shared_options import AS_ON_SRGB, HERE, LookOfPicture, Schedul
 from hagoromo.app.verb import Force, Out, say, with_picture, wrote
 from hagoromo.errors import InputError
 from hagoromo.files.whole import replaceable_files
-from hagoromo.image.modes import Mode
+from hagoromo.image.scene.modes import Mode
 from hagoromo.progress import LOADING, Progress, part_of
 
 if TYPE_CHECKING:
     from hagoromo.image.film.film import Turn
-    from hagoromo.image.shown import DisplayView
+    from hagoromo.image.picture.shown import DisplayView
 
 
 def render(
@@ -85,17 +85,17 @@ def render(
                 "and --times out"
             )
         return write_film_of(scene, out, stated, turn, fps, scheduler.chosen, force, mode, look.chosen)
-    from hagoromo.image.shown import DisplayTransform
+    from hagoromo.image.picture.shown import DisplayTransform
 
     if denoise:
-        from hagoromo.image.denoise import name_of_denoiser
+        from hagoromo.image.picture.denoise import name_of_denoiser
 
         name_of_denoiser()
     DisplayTransform(display := look.chosen)  # refuses what there is not before the work
     unfinished = _unfinished(out) if resume else None
     replaceable_files(with_picture(out).files, force or resume)
     from hagoromo.image.render import motion_with_shutter
-    from hagoromo.image.scene_file import camera_and_settings
+    from hagoromo.image.scene.scene_file import camera_and_settings
 
     camera, settings = camera_and_settings(scene)
     settings = replace(settings, **stated)
@@ -123,8 +123,8 @@ def render(
 
 def _loaded(scene: Path, settings: hg.Settings, progress: Progress) -> tuple[hg.Scene, Progress]:
     """A scene file that is rendered by mode march, loaded, and the progress of what is left."""
-    from hagoromo.image.scene_file import load_for_picture
-    from hagoromo.image.settings import check_mode
+    from hagoromo.image.scene.scene_file import load_for_picture
+    from hagoromo.image.scene.settings import check_mode
 
     check_mode(settings, "march")
     loaded, _ = load_for_picture(scene, settings, part_of(progress, 0.0, LOADING))
@@ -172,7 +172,7 @@ def write_film_of(
     look: DisplayView,
 ) -> None:
     """Render and write a film; stated: settings that replace those of the scene."""
-    from hagoromo.image.scene_file import camera_and_settings
+    from hagoromo.image.scene.scene_file import camera_and_settings
 
     settings = replace(camera_and_settings(scene)[1], **stated) if stated else None
     with progress_bar("render") as progress:

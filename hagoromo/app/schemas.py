@@ -54,7 +54,7 @@ def _files() -> dict[str, Any]:
     from hagoromo.app.batch.batch_record import BatchRecord
     from hagoromo.camera.formats.camera_file import CameraRecord
     from hagoromo.image.relight.prediction import PredictionRecord
-    from hagoromo.image.scene_file import SceneRecord
+    from hagoromo.image.scene.scene_file import SceneRecord
     from hagoromo.measurement.material.body_spectra import BodySpectrumRecord
     from hagoromo.photograph.lamp_files import LampsRecord
     from hagoromo.photograph.rig import RigRecord

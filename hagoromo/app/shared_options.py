@@ -11,7 +11,7 @@ from tyro.conf import arg
 from hagoromo.errors import InputError
 
 if TYPE_CHECKING:
-    from hagoromo.image.shown import DisplayView
+    from hagoromo.image.picture.shown import DisplayView
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ class LookOptions:
     @property
     def chosen(self) -> DisplayView:
         """What calls take as `display`."""
-        from hagoromo.image.shown import DisplayView
+        from hagoromo.image.picture.shown import DisplayView
 
         return DisplayView(self.display, self.view, self.ocio, self.exposure)
 

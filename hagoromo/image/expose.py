@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from hagoromo.camera.sensor import develop_raw, expose_raw, native_channels
 from hagoromo.errors import InputError
 from hagoromo.files.finite import check_finite
-from hagoromo.image.image import Image, StrengthOfLamp, read_image
-from hagoromo.image.scene import Scene
+from hagoromo.image.picture.image import Image, StrengthOfLamp, read_image
+from hagoromo.image.scene.scene import Scene
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.photograph.photograph import Photograph
 

@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.backend import arrays, opaque_vector
-from hagoromo.image.image import Image
-from hagoromo.image.path_picture import walks_of
-from hagoromo.image.prepared_scene import PreparedScene
-from hagoromo.image.scene import Scene, check_still
-from hagoromo.image.scene_palette import palette_of_scene, reflectances_of
-from hagoromo.image.settings import Settings
+from hagoromo.image.path.picture import walks_of
+from hagoromo.image.picture.image import Image
+from hagoromo.image.prepared.prepared_scene import PreparedScene
+from hagoromo.image.scene.scene import Scene, check_still
+from hagoromo.image.scene.scene_palette import palette_of_scene, reflectances_of
+from hagoromo.image.scene.settings import Settings
 from hagoromo.transport.path.bands import Bands
 from hagoromo.transport.path.path import Walks, five_of, random_numbers
 

@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.image.image import Image
-from hagoromo.image.lamp_batches import lamp_batches, under_batches
-from hagoromo.image.lit_by_points import lit_by_points
-from hagoromo.image.prepared_scene import PreparedScene, SceneCache
-from hagoromo.image.scene import Scene
-from hagoromo.image.seen_lights import with_seen_lights
-from hagoromo.image.settings import Settings, metadata
+from hagoromo.image.picture.image import Image
+from hagoromo.image.prepared.lamp_batches import lamp_batches, under_batches
+from hagoromo.image.prepared.lit_by_points import lit_by_points
+from hagoromo.image.prepared.prepared_scene import PreparedScene, SceneCache
+from hagoromo.image.prepared.seen_lights import with_seen_lights
+from hagoromo.image.scene.scene import Scene
+from hagoromo.image.scene.settings import Settings, metadata
 from hagoromo.progress import Progress, part_of, silent
 from hagoromo.transport.film import Film
 from hagoromo.transport.film import tile_order as tile_order

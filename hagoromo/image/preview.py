@@ -14,16 +14,16 @@ from dataclasses import replace
 from pathlib import Path
 
 from hagoromo.errors import InputError
-from hagoromo.image.given_scene import scene_and_settings
-from hagoromo.image.image import Image
-from hagoromo.image.lamp_batches import lamp_batches
-from hagoromo.image.lit_by_points import lit_by_points
 from hagoromo.image.march_picture import picture
-from hagoromo.image.origin import scene_from, scene_origin
-from hagoromo.image.prepared_scene import PreparedScene, SceneCache, shadow_casters
-from hagoromo.image.scene import Scene
-from hagoromo.image.seen_lights import SeenLights, camera_sees_lights, with_light
-from hagoromo.image.settings import Settings, metadata
+from hagoromo.image.picture.image import Image
+from hagoromo.image.prepared.lamp_batches import lamp_batches
+from hagoromo.image.prepared.lit_by_points import lit_by_points
+from hagoromo.image.prepared.prepared_scene import PreparedScene, SceneCache, shadow_casters
+from hagoromo.image.prepared.seen_lights import SeenLights, camera_sees_lights, with_light
+from hagoromo.image.scene.given_scene import scene_and_settings
+from hagoromo.image.scene.origin import scene_from, scene_origin
+from hagoromo.image.scene.scene import Scene
+from hagoromo.image.scene.settings import Settings, metadata
 from hagoromo.transport.film import Film, pixel_points
 
 FIRST_SECONDS = 0.1  # time until the first picture [s]

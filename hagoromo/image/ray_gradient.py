@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hagoromo.backend import Array3f, Float, arrays, column
 from hagoromo.errors import InputError
-from hagoromo.image.prepared_scene import PreparedScene
+from hagoromo.image.prepared.prepared_scene import PreparedScene
 from hagoromo.transport.adjoint import MarchAdjoint
 from hagoromo.transport.differentiable_medium import DifferentiableMedium
 from hagoromo.transport.moving import Moving, Rays

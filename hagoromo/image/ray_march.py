@@ -12,12 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from hagoromo.backend import arrays, column
 from hagoromo.errors import InputError
-from hagoromo.image.lit_by_points import lit_by_points
-from hagoromo.image.prepared_scene import PreparedScene
+from hagoromo.image.prepared.lit_by_points import lit_by_points
+from hagoromo.image.prepared.prepared_scene import PreparedScene
+from hagoromo.image.prepared.voxels_of_boxes import read_boxes, write_boxes
 from hagoromo.image.ray_gradient import ByLight, RayGradient, RayLight, as_light, ray_gradient
-from hagoromo.image.scene import Scene
-from hagoromo.image.settings import Settings
-from hagoromo.image.voxels_of_boxes import read_boxes, write_boxes
+from hagoromo.image.scene.scene import Scene
+from hagoromo.image.scene.settings import Settings
 from hagoromo.transport.differentiable_medium import DifferentiableMedium
 from hagoromo.transport.medium import Medium
 from hagoromo.volume.voxels import PlainVoxels

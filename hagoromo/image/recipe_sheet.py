@@ -25,11 +25,11 @@ from hagoromo.files.record import read_toml
 from hagoromo.files.record_keys import meaning_of_key, named_unit, unit_of_key
 from hagoromo.files.whole import whole_file
 from hagoromo.image.box_camera import TO_KEY, brick_corners, camera_of_corners, width_in_middle
-from hagoromo.image.image import Image, auto_exposure
-from hagoromo.image.prepared_scene import SceneCache
+from hagoromo.image.picture.image import Image, auto_exposure
+from hagoromo.image.prepared.prepared_scene import SceneCache
 from hagoromo.image.render import picture_of_mode
-from hagoromo.image.scene import Scene
-from hagoromo.image.settings import Settings
+from hagoromo.image.scene.scene import Scene
+from hagoromo.image.scene.settings import Settings
 from hagoromo.image.sheet_labels import labelled
 from hagoromo.light.colour import srgb_encode
 from hagoromo.light.lamp import Lamp

@@ -8,18 +8,18 @@ from typing import TYPE_CHECKING
 from hagoromo.errors import InputError
 from hagoromo.files.cache import cache
 from hagoromo.files.record import read_toml
-from hagoromo.image.image import Image
 from hagoromo.image.march_picture import picture
-from hagoromo.image.modes import Mode
-from hagoromo.image.prepared_scene import SceneCache
-from hagoromo.image.scene import Scene, check_still
-from hagoromo.image.settings import Settings, check_mode
+from hagoromo.image.picture.image import Image
+from hagoromo.image.prepared.prepared_scene import SceneCache
+from hagoromo.image.scene.modes import Mode
+from hagoromo.image.scene.scene import Scene, check_still
+from hagoromo.image.scene.settings import Settings, check_mode
 from hagoromo.progress import LOADING, Progress, part_of, silent
 from hagoromo.transport.film import pixel_points
 from hagoromo.transport.film import tile_order as tile_order
 
 if TYPE_CHECKING:
-    from hagoromo.image.film.motion import Motion
+    from hagoromo.image.scene.motion import Motion
 
 
 def render(
@@ -79,7 +79,7 @@ def render(
         settings = settings or stated
     if not isinstance(scene, Scene):
         # only a file needs the readers of boxes and cameras; light of higher orders comes from all of a box
-        from hagoromo.image.scene_file import load_for_picture, load_scene
+        from hagoromo.image.scene.scene_file import load_for_picture, load_scene
 
         loading, progress = part_of(progress, 0.0, LOADING), part_of(progress, LOADING, 1.0 - LOADING)
         loaded, stated = load_for_picture(scene, settings, loading) if mode == "march" else load_scene(scene, loading)
@@ -97,7 +97,7 @@ def motion_with_shutter(path: str | Path) -> Motion | None:
     """The motion of a scene file whose shutter is open for some time; None of another one."""
     if "shutter_close" not in read_toml(path).get("motion", {}):
         return None
-    from hagoromo.image.film.motion import read_motion
+    from hagoromo.image.scene.motion import read_motion
 
     motion = read_motion(path)
     return motion if motion.shutter else None
@@ -136,13 +136,13 @@ def picture_of_mode(
 ) -> Image:
     """What `render` gives, without layers; what did not change since the last scene of `cache` is used again."""
     if mode == "path":
-        from hagoromo.image.path_picture import path_picture  # the march does without
+        from hagoromo.image.path.picture import path_picture  # the march does without
 
         return path_picture(scene, settings, progress, unfinished, cache)
     check_still(scene, f"mode {mode}")
     points = pixel_points(settings.samples, settings.seed)
     if mode == "full":
-        from hagoromo.image.full_picture import full_picture
+        from hagoromo.image.full.picture import full_picture
 
         return full_picture(scene, settings, points, cache, progress)
     return picture(scene, settings, cache, points, progress=progress)

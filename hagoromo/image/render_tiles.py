@@ -20,18 +20,18 @@ from hagoromo.camera.camera import Camera
 from hagoromo.cluster.cluster import Cluster, workers_of
 from hagoromo.errors import InputError
 from hagoromo.files.memory import require
-from hagoromo.image.full_picture import SolvedScene, batches_and_bands, full_picture
-from hagoromo.image.image import Image
-from hagoromo.image.lamp_batches import Batch, WeightsOfLamps, lamp_batches
+from hagoromo.image.full.picture import SolvedScene, batches_and_bands, full_picture
 from hagoromo.image.layers import PIXELS_AT_ONCE, Looked, looked_at, with_layers
-from hagoromo.image.modes import Mode
-from hagoromo.image.path_picture import path_picture
-from hagoromo.image.prepared_scene import PreparedScene
-from hagoromo.image.scene import Scene
-from hagoromo.image.scene_file import camera_and_settings, load_scene
+from hagoromo.image.path.picture import path_picture
+from hagoromo.image.picture.image import Image
+from hagoromo.image.prepared.lamp_batches import Batch, WeightsOfLamps, lamp_batches
+from hagoromo.image.prepared.prepared_scene import PreparedScene
+from hagoromo.image.prepared.seen_lights import SeenLights, camera_sees_lights, with_light
+from hagoromo.image.scene.modes import Mode
+from hagoromo.image.scene.scene import Scene
+from hagoromo.image.scene.scene_file import camera_and_settings, load_scene
+from hagoromo.image.scene.settings import Settings, metadata
 from hagoromo.image.scene_on_worker import HeldScene, SceneOrder, held_scene, task_size
-from hagoromo.image.seen_lights import SeenLights, camera_sees_lights, with_light
-from hagoromo.image.settings import Settings, metadata
 from hagoromo.image.walk_tiles import walk_on, walks_on
 from hagoromo.light.lamp import Lamp
 from hagoromo.progress import Progress, part_of, silent

@@ -14,12 +14,12 @@ from typing import Any, TypeVar
 from hagoromo.errors import InputError
 from hagoromo.files.cache import cache
 from hagoromo.files.content import content_with_named
-from hagoromo.image.lit_by_points import lit_by_points
-from hagoromo.image.modes import Mode
-from hagoromo.image.prepared_scene import SceneCache
-from hagoromo.image.scene import Scene
-from hagoromo.image.scene_file import load_for_picture, load_scene
-from hagoromo.image.settings import Settings
+from hagoromo.image.prepared.lit_by_points import lit_by_points
+from hagoromo.image.prepared.prepared_scene import SceneCache
+from hagoromo.image.scene.modes import Mode
+from hagoromo.image.scene.scene import Scene
+from hagoromo.image.scene.scene_file import load_for_picture, load_scene
+from hagoromo.image.scene.settings import Settings
 
 Ready = TypeVar("Ready")
 TASKS_PER_WORKER = 8  # of a picture, or of one step of its walks, so that none waits long for the last

@@ -18,12 +18,12 @@ from hagoromo.backend import arrays
 from hagoromo.errors import InputError
 from hagoromo.files.memory import require
 from hagoromo.image.expose import photograph
-from hagoromo.image.given_scene import scene_and_settings
-from hagoromo.image.origin import camera_from, origin_of
+from hagoromo.image.prepared.traced_surfaces import Surfaces
 from hagoromo.image.render import render
-from hagoromo.image.scene import Scene
-from hagoromo.image.settings import Settings
-from hagoromo.image.traced_surfaces import Surfaces
+from hagoromo.image.scene.given_scene import scene_and_settings
+from hagoromo.image.scene.origin import camera_from, origin_of
+from hagoromo.image.scene.scene import Scene
+from hagoromo.image.scene.settings import Settings
 from hagoromo.photograph.capture import BYTES_PER_VALUE, Capture
 from hagoromo.progress import Progress, part_of, silent
 

@@ -12,14 +12,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hagoromo.errors import InputError
-from hagoromo.image.full_walks import walks_here
-from hagoromo.image.image import Image
-from hagoromo.image.path_picture import batches_and_bands
-from hagoromo.image.prepared_scene import SceneCache
-from hagoromo.image.scene import Scene
-from hagoromo.image.scene_palette import palette_of_scene
-from hagoromo.image.settings import Settings
-from hagoromo.image.walk_sums import luminance
+from hagoromo.image.full.walks import walks_here
+from hagoromo.image.path.picture import batches_and_bands
+from hagoromo.image.path.walk_sums import luminance
+from hagoromo.image.picture.image import Image
+from hagoromo.image.prepared.prepared_scene import SceneCache
+from hagoromo.image.scene.scene import Scene
+from hagoromo.image.scene.scene_palette import palette_of_scene
+from hagoromo.image.scene.settings import Settings
 
 MUCH = 0.1  # share of all light
 FIRST_WALKS, MOST_WALKS = 1 << 8, 1 << 12  # of the test

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.cluster.cluster import Cluster
-from hagoromo.image.full_picture import batches_and_bands as bands_of_full
-from hagoromo.image.full_walks import LampWalks, WalkThrough, in_channels, lamps_in_batches
-from hagoromo.image.path_picture import WalkStream, batches_and_bands, walks_at_once
-from hagoromo.image.scene import Scene
+from hagoromo.image.full.picture import batches_and_bands as bands_of_full
+from hagoromo.image.full.walks import LampWalks, WalkThrough, in_channels, lamps_in_batches
+from hagoromo.image.path.picture import WalkStream, batches_and_bands, walks_at_once
+from hagoromo.image.path.walk_sums import PixelSums, Stop, WalkSums
+from hagoromo.image.scene.scene import Scene
 from hagoromo.image.scene_on_worker import HeldScene, SceneOrder, held_scene, task_size
-from hagoromo.image.walk_sums import PixelSums, Stop, WalkSums
 from hagoromo.progress import Progress
 from hagoromo.transport.palette import Palette
 

@@ -18,8 +18,8 @@ from hagoromo.errors import InputError
 from hagoromo.files.exr import read_exr
 from hagoromo.files.icc import SRGB, icc_profile
 from hagoromo.files.png import write_png
-from hagoromo.image.any_picture import read_any_picture
-from hagoromo.image.shown import srgb_values
+from hagoromo.image.picture.any_picture import read_any_picture
+from hagoromo.image.picture.shown import srgb_values
 from hagoromo.version import __version__
 from hagoromo_formats.archive.measured_maps import BODY, map_pictures
 from hagoromo_formats.archive.metadata import ArchivedObject, licence_address

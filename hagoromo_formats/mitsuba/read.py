@@ -24,7 +24,7 @@ from hagoromo.files.mesh import read_mesh, uv_of
 from hagoromo.files.reading import reading
 from hagoromo.files.toml_text import toml_text
 from hagoromo.files.whole import whole_folder, write_text
-from hagoromo.image.scene_file import load_scene
+from hagoromo.image.scene.scene_file import load_scene
 from hagoromo.light.environment import FROM_MITSUBA
 from hagoromo_formats.mitsuba.bsdfs import ALL_KINDS, WHITE, Converter
 from hagoromo_formats.mitsuba.serialized import read_serialized

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from hagoromo.files.checks import inside
 from hagoromo.files.exr import write_exr
-from hagoromo.image.any_picture import read_any_picture
-from hagoromo.image.surface import Surface
-from hagoromo.image.surface_texture import SurfaceTexture
+from hagoromo.image.picture.any_picture import read_any_picture
+from hagoromo.image.scene.surface import Surface
+from hagoromo.image.scene.surface_texture import SurfaceTexture
 from hagoromo.light.colour import linear_colour
 from hagoromo.light.spectrum import Spectrum
 from hagoromo_formats.mitsuba.xml_text import Element, plugin

@@ -13,9 +13,9 @@ from hagoromo.camera.camera import Camera
 from hagoromo.camera.pose import mitsuba_from_opencv
 from hagoromo.files.exr import write_exr
 from hagoromo.files.whole import scratch_folder, whole_folder, write_text
-from hagoromo.image.nesting import Glass
-from hagoromo.image.scene import Scene
-from hagoromo.image.surface import Surface
+from hagoromo.image.prepared.nesting import Glass
+from hagoromo.image.scene.scene import Scene
+from hagoromo.image.scene.surface import Surface
 from hagoromo.light.other_programs import MitsubaPlugin
 from hagoromo_formats.mitsuba.bsdf_numbers import NAME, numbers_of
 from hagoromo_formats.mitsuba.medium import box_shape

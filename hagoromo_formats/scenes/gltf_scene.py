@@ -25,9 +25,9 @@ from hagoromo.files.mesh import MeshPart, read_gltf
 from hagoromo.files.reading import reading
 from hagoromo.files.toml_text import toml_text
 from hagoromo.files.whole import whole_file, whole_folder, write_text
-from hagoromo.image.scene import Scene
-from hagoromo.image.shape_mesh import shape_mesh
-from hagoromo.image.surface import Surface
+from hagoromo.image.scene.scene import Scene
+from hagoromo.image.scene.shape_mesh import shape_mesh
+from hagoromo.image.scene.surface import Surface
 from hagoromo.light.colour import linear_colour
 from hagoromo.light.other_programs import InOtherPrograms
 from hagoromo.light.spectrum import Spectrum, smooth_rgb_basis

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from hagoromo.files.gltf import image_bytes
 from hagoromo.files.mesh import uv_of
 from hagoromo.files.png import write_png
-from hagoromo.image.surface import Surface
-from hagoromo.image.surface_texture import SurfaceTexture
+from hagoromo.image.scene.surface import Surface
+from hagoromo.image.scene.surface_texture import SurfaceTexture
 from hagoromo.light.colour import srgb_decode, srgb_encode
 from hagoromo_formats.scenes.pbr import PbrMaterial, of_one_size
 from hagoromo_formats.scenes.pbr_textures import (

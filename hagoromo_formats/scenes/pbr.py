@@ -17,8 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from hagoromo.files.exr import write_exr
 from hagoromo.files.udim import MARK
-from hagoromo.image.surface import Surface
-from hagoromo.image.tiled_image import Tiles
+from hagoromo.image.scene.surface import Surface
+from hagoromo.image.scene.tiled_image import Tiles
 from hagoromo.light.colour import linear_colour
 from hagoromo.light.environment import upsampled
 from hagoromo.light.spectrum import Spectrum

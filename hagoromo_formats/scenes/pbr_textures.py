@@ -14,8 +14,8 @@ from hagoromo.files import exr
 from hagoromo.files.memory import require
 from hagoromo.files.picture import TIFF_STARTS, read_picture
 from hagoromo.files.png import write_png
-from hagoromo.image.surface import Surface
-from hagoromo.image.surface_texture import SurfaceTexture
+from hagoromo.image.scene.surface import Surface
+from hagoromo.image.scene.surface_texture import SurfaceTexture
 from hagoromo.light.colour import linear_colour, srgb_decode, srgb_encode
 from hagoromo.light.environment import upsampled
 from hagoromo.light.spectrum import Spectrum

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.image.surface import RELIEFS, Surface
+from hagoromo.image.scene.surface import RELIEFS, Surface
 from hagoromo.transport.surface_relief import LEAST_RISE, slopes_of, tangents_of
 from hagoromo_formats.scenes.pbr import enlarged
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from hagoromo.camera.pose import opencv_from_opengl, turned_about_axes
 from hagoromo.errors import InputError
-from hagoromo.image.film.motion_record import MOST_KEYS, MOST_RATE, RATE
+from hagoromo.image.scene.motion_record import MOST_KEYS, MOST_RATE, RATE
 
 Matrix = NDArray[np.float64]
 Table = dict[str, Any]

@@ -17,12 +17,12 @@ from hagoromo.files.png import write_png
 from hagoromo.files.reading import library
 from hagoromo.files.udim import MARK
 from hagoromo.files.whole import check_written, replaceable_file, scratch_folder, whole_file, whole_files
-from hagoromo.image.film.motion import Motion
 from hagoromo.image.film.shutter import camera_pose
-from hagoromo.image.scene import Scene
-from hagoromo.image.scene_surface import NOWHERE
-from hagoromo.image.surface import Surface
-from hagoromo.image.tiled_image import Tiles, tiles_of
+from hagoromo.image.scene.motion import Motion
+from hagoromo.image.scene.scene import Scene
+from hagoromo.image.scene.scene_surface import NOWHERE
+from hagoromo.image.scene.surface import Surface
+from hagoromo.image.scene.tiled_image import Tiles, tiles_of
 from hagoromo.light.colour import srgb_encode
 from hagoromo.light.other_programs import InOtherPrograms
 from hagoromo.reflectance.torrance_sparrow import normal_fresnel

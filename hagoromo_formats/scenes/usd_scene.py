@@ -24,9 +24,9 @@ from hagoromo.files.exr import write_exr
 from hagoromo.files.reading import reading
 from hagoromo.files.toml_text import toml_text
 from hagoromo.files.whole import whole_folder, write_text
-from hagoromo.image.film.motion import read_motion
-from hagoromo.image.scene_file import load_scene
-from hagoromo.image.surface import RELIEFS, TEXTURES
+from hagoromo.image.scene.motion import read_motion
+from hagoromo.image.scene.scene_file import load_scene
+from hagoromo.image.scene.surface import RELIEFS, TEXTURES
 from hagoromo.light.colour import linear_colour, srgb_encode
 from hagoromo.light.environment import upsampled
 from hagoromo.light.spectrum import Spectrum

@@ -19,7 +19,7 @@ from hagoromo.files.checks import inside, read_bytes, sized_file
 from hagoromo.files.memory import require
 from hagoromo.files.png import write_png
 from hagoromo.files.udim import MARK, Tile, udim_number
-from hagoromo.image.tiled_image import Tiles, texture_files
+from hagoromo.image.scene.tiled_image import Tiles, texture_files
 from hagoromo.light.colour import srgb_decode
 from hagoromo_formats.scenes.pbr import PbrMaterial
 from hagoromo_formats.scenes.pbr_textures import BYTES_PER_PIXEL, channel_of, picture_of, written_image

@@ -10,7 +10,7 @@ from hagoromo.camera.camera import Camera
 from hagoromo.files.cache import cache
 from hagoromo.files.whole import scratch_folder, write_bytes
 from hagoromo.image.render import render
-from hagoromo.image.settings import Settings
+from hagoromo.image.scene.settings import Settings
 from hagoromo.progress import Progress, part_of, silent
 from hagoromo.reflectance.reflectance import Reflectance
 from hagoromo.reflectance.reflectance_record import reflectance_from_record

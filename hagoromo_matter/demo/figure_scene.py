@@ -9,7 +9,7 @@ from hagoromo.camera.camera import Camera
 from hagoromo.files.record import read_json, read_toml
 from hagoromo.files.toml_text import toml_text
 from hagoromo.files.whole import whole_folder, write_text
-from hagoromo.image.scene import Scene
+from hagoromo.image.scene.scene import Scene
 from hagoromo.photograph.transforms import record_from_lamp
 from hagoromo.progress import Progress, silent
 from hagoromo.reflectance.material.materials_file import read_materials

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.camera.camera import Camera
-from hagoromo.image.scene import Scene
+from hagoromo.image.scene.scene import Scene
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.matter.build import kept_box
 from hagoromo.progress import Progress

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from hagoromo.image.settings import Settings
+from hagoromo.image.scene.settings import Settings
 from hagoromo.image.simulate import simulate, visible_shape
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.measurement.known_shape import measure_known_shape

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from hagoromo.camera.response import camera_white, srgb_from_camera
 from hagoromo.files.exr import write_exr
 from hagoromo.files.png import write_png
-from hagoromo.image.compare import compare
+from hagoromo.image.picture.compare import compare
 from hagoromo.image.render import render
-from hagoromo.image.scene import Scene
-from hagoromo.image.settings import Settings
+from hagoromo.image.scene.scene import Scene
+from hagoromo.image.scene.settings import Settings
 from hagoromo.light.colour import srgb_encode
 from hagoromo.photograph.photograph import Photograph
 from hagoromo.reflectance.reflectance import Reflectance

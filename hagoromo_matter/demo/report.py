@@ -12,7 +12,7 @@ from markupsafe import Markup
 
 from hagoromo.camera.response import Response, srgb_from_camera
 from hagoromo.files.png import read_png
-from hagoromo.image.image import read_image
+from hagoromo.image.picture.image import read_image
 from hagoromo.light.spectrum import Spectrum
 from hagoromo_matter.demo.figures import PAPER_FIGURES
 from hagoromo_matter.demo.report_measured import PACKAGE

@@ -8,8 +8,8 @@ import numpy as np
 
 from hagoromo.camera.camera import Camera
 from hagoromo.camera.response import camera_response, camera_white
-from hagoromo.image.scene import Scene
-from hagoromo.image.surface import Surface
+from hagoromo.image.scene.scene import Scene
+from hagoromo.image.scene.surface import Surface
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.reflectance import Reflectance

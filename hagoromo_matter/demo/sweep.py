@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from hagoromo.image.surface import Surface
+from hagoromo.image.scene.surface import Surface
 from hagoromo.reflectance.reflectance import Reflectance
 
 BEND_FACETS = 48  # facets of the curved part

@@ -209,7 +209,7 @@ def _maps(home: Path) -> Any:
 
 
 def _layer(plate: Any, name: str) -> NDArray[np.uint8]:
-    from hagoromo.image.image import auto_exposure
+    from hagoromo.image.picture.image import auto_exposure
     from hagoromo_page.viewer.development import toned
     from hagoromo_page.viewer.plates import PlateLight
     from hagoromo_page.viewer.view_state import ViewTransform

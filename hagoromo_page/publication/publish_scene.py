@@ -8,9 +8,9 @@ from pathlib import Path
 from hagoromo.errors import InputError
 from hagoromo.files.whole import whole_file
 from hagoromo.image.box_camera import box_camera
-from hagoromo.image.given_scene import scene_and_settings
-from hagoromo.image.scene import Scene
-from hagoromo.image.settings import Settings
+from hagoromo.image.scene.given_scene import scene_and_settings
+from hagoromo.image.scene.scene import Scene
+from hagoromo.image.scene.settings import Settings
 from hagoromo.light.lamp import Lamp
 from hagoromo.progress import Progress, part_of, silent
 from hagoromo.volume.box import VolumeBox

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
-from hagoromo.image.scene import Scene
-from hagoromo.image.settings import Settings
+from hagoromo.image.scene.scene import Scene
+from hagoromo.image.scene.settings import Settings
 from hagoromo.progress import Progress, part_of, silent
 from hagoromo.transport.palette import distinct
 from hagoromo_page.publication.colours import PageColours, stack_colours

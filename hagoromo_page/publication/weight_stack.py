@@ -15,8 +15,8 @@ from hagoromo.camera.camera import Camera
 from hagoromo.files.memory import require
 from hagoromo.image.layers import layers_of
 from hagoromo.image.render import render
-from hagoromo.image.scene import Scene
-from hagoromo.image.settings import Settings
+from hagoromo.image.scene.scene import Scene
+from hagoromo.image.scene.settings import Settings
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.measurement.nearest import nearest_known

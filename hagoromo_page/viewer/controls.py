@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.camera.response import WHITE_XYZ, Response, camera_response, camera_white
-from hagoromo.image.scene import Scene
+from hagoromo.image.scene.scene import Scene
 from hagoromo.light.colour import srgb_decode, srgb_encode, srgb_from_xyz
 from hagoromo.light.spectrum import Spectrum, smooth_rgb_basis
 from hagoromo.reflectance.reflectance import Reflectance

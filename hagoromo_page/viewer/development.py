@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from hagoromo.camera.response import WHITE_XYZ, Response, camera_white, srgb_from_camera
 from hagoromo.files.icc import SRGB
-from hagoromo.image.image import Image, auto_exposure
-from hagoromo.image.ocio_view import ACES, PROFILES, OcioConfiguration
-from hagoromo.image.shown import DisplayTransform, DisplayView
+from hagoromo.image.picture.image import Image, auto_exposure
+from hagoromo.image.picture.ocio_view import ACES, PROFILES, OcioConfiguration
+from hagoromo.image.picture.shown import DisplayTransform, DisplayView
 from hagoromo.light.colour import srgb_encode, srgb_from_xyz
 from hagoromo.light.spectrum import Spectrum
 from hagoromo_page.viewer.view_state import TONES, ViewTransform

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from hagoromo.image.image import Image
-from hagoromo.image.spectral_exr import SpectralPicture
+from hagoromo.image.picture.image import Image
+from hagoromo.image.picture.spectral_exr import SpectralPicture
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.transport.palette import Palette
 from hagoromo_page.viewer.development import linear_picture

@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.backend import Array3f, Float, arrays, lookup
-from hagoromo.image.image import Image
 from hagoromo.image.march_picture import picture
-from hagoromo.image.prepared_scene import PreparedScene, SceneCache
+from hagoromo.image.picture.image import Image
+from hagoromo.image.prepared.prepared_scene import PreparedScene, SceneCache
 from hagoromo.image.preview import strides
-from hagoromo.image.scene import Scene
-from hagoromo.image.settings import Settings
+from hagoromo.image.scene.scene import Scene
+from hagoromo.image.scene.settings import Settings
 from hagoromo.light.colour import srgb_encode
 from hagoromo.transport.film import Film, pixel_points
 from hagoromo.transport.sample import Element

@@ -7,7 +7,7 @@ from html import escape
 from pathlib import Path
 
 from hagoromo.files.whole import scratch_folder
-from hagoromo.image.scene import Scene
+from hagoromo.image.scene.scene import Scene
 from hagoromo.progress import Progress, silent
 from hagoromo.volume.box import VolumeBox
 from hagoromo_page.publication.publish_scene import publish_scene

@@ -12,8 +12,8 @@ from hagoromo.files.checks import inside
 from hagoromo.files.exr import read_exr
 from hagoromo.files.record import read_json_table
 from hagoromo.files.stores import address
-from hagoromo.image.image import read_image
-from hagoromo.image.spectral_exr import is_spectral, spectral_of_channels
+from hagoromo.image.picture.image import read_image
+from hagoromo.image.picture.spectral_exr import is_spectral, spectral_of_channels
 from hagoromo.measurement.measurement import Measurement
 from hagoromo.photograph.capture import load_capture
 from hagoromo_page.publication.publish import page_source

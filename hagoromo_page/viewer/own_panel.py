@@ -12,7 +12,7 @@ from hagoromo.camera.camera import Camera
 from hagoromo.camera.pose import inverse_pose
 from hagoromo.errors import InputError
 from hagoromo.image.render import render
-from hagoromo.image.scene_file import load_scene
+from hagoromo.image.scene.scene_file import load_scene
 from hagoromo_page.viewer.heights_panel import HeightsPanel
 from hagoromo_page.viewer.maps_plate import MapsPlate
 from hagoromo_page.viewer.panel import value_set

@@ -18,7 +18,7 @@ from hagoromo.camera.camera import Camera
 from hagoromo.camera.pose import inverse_pose
 from hagoromo.camera.response import Response
 from hagoromo.files.png import write_png
-from hagoromo.image.image import auto_exposure
+from hagoromo.image.picture.image import auto_exposure
 from hagoromo.light.spectrum import Spectrum
 from hagoromo_page.viewer.controls import (
     AS_STATED,

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.camera.response import WHITE_XYZ, Response, camera_response, camera_white
-from hagoromo.image.image import Image
+from hagoromo.image.picture.image import Image
 from hagoromo.light.colour import delta_e_2000, srgb_from_xyz
 from hagoromo.reflectance.spectra.spectrum_estimate import SpectrumEstimate
 

@@ -16,10 +16,10 @@ from hagoromo.files.stores import address
 from hagoromo.files.toml_text import toml_text
 from hagoromo.files.whole import whole_file
 from hagoromo.image.box_camera import TO_KEY, box_camera
-from hagoromo.image.read_once import read_once
-from hagoromo.image.scene import Scene
-from hagoromo.image.scene_file import scene_from_tables
-from hagoromo.image.settings import Settings
+from hagoromo.image.scene.read_once import read_once
+from hagoromo.image.scene.scene import Scene
+from hagoromo.image.scene.scene_file import scene_from_tables
+from hagoromo.image.scene.settings import Settings
 from hagoromo.volume.store.box_store import load_box
 from hagoromo_page.viewer.view_state import ViewState
 

@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.camera.camera import Camera
-from hagoromo.image.image import Image
-from hagoromo.image.lamp_batches import LAMPS_AT_ONCE
+from hagoromo.image.picture.image import Image
+from hagoromo.image.prepared.lamp_batches import LAMPS_AT_ONCE
 from hagoromo.image.preview import FIRST_SECONDS, Preview
-from hagoromo.image.scene import Scene
-from hagoromo.image.settings import Settings
+from hagoromo.image.scene.scene import Scene
+from hagoromo.image.scene.settings import Settings
 from hagoromo_page.viewer.controls import Control, controls
 from hagoromo_page.viewer.development import linear_picture, metered, toned
 from hagoromo_page.viewer.layers import (

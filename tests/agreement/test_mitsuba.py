@@ -13,7 +13,7 @@ import pytest
 
 import hagoromo as hg
 from hagoromo.backend import mitsuba
-from hagoromo.image.settings import Settings
+from hagoromo.image.scene.settings import Settings
 from tests.judges import blocks_agree
 from tests.oracle.lattice import OracleVoxels
 from tests.oracle.radiance import camera_rays, radiance

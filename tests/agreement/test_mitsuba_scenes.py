@@ -15,7 +15,7 @@ import hagoromo as hg
 import hagoromo_formats.mitsuba as hm
 from hagoromo import backend
 from hagoromo.files.exr import write_exr
-from hagoromo.image.scene_file import load_scene
+from hagoromo.image.scene.scene_file import load_scene
 from hagoromo.light.colour import colour_matching, xyz_from_srgb
 from hagoromo.light.spectrum import integrate_product
 from hagoromo_formats.mitsuba.bsdfs import diffuse_fresnel

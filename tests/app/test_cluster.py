@@ -14,8 +14,8 @@ from hagoromo.cluster import cluster as clusters
 from hagoromo.cluster.cluster import Cluster, mapped, workers_of
 from hagoromo.image import render_tiles, scene_on_worker, walk_tiles
 from hagoromo.image.film.film import Turn, film
-from hagoromo.image.image import Image
-from hagoromo.image.lamp_batches import LAMPS_AT_ONCE
+from hagoromo.image.picture.image import Image
+from hagoromo.image.prepared.lamp_batches import LAMPS_AT_ONCE
 from hagoromo.measurement.normals.smooth_share import Stiffness
 from hagoromo.measurement.surface import tile_store
 from hagoromo.measurement.surface.tiles import solve_coarse, solve_tiles
@@ -138,7 +138,7 @@ def test_pictures_of_every_mode_and_layers_have_the_bits_of_one_machine(dense, c
 SOLVES = """
 import os, signal
 from pathlib import Path
-import hagoromo.image.full_picture as full
+import hagoromo.image.full.picture as full
 plain = full._Unsolved.solved
 def solved(self):
     marks = Path({marks!r})
@@ -151,7 +151,7 @@ os.environ["HAGOROMO_CACHE"] = {kept!r}
 """
 AS_BEFORE = """
 import os
-import hagoromo.image.full_picture as full
+import hagoromo.image.full.picture as full
 full._Unsolved.solved = getattr(full._Unsolved.solved, "__globals__", {}).get("plain", full._Unsolved.solved)
 os.environ["HAGOROMO_CACHE"] = "off"
 """

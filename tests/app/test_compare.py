@@ -6,7 +6,7 @@ import pytest
 
 from hagoromo.errors import InputError
 from hagoromo.files.png import write_png
-from hagoromo.image.compare import compare
+from hagoromo.image.picture.compare import compare
 
 
 @pytest.fixture

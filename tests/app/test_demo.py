@@ -16,8 +16,8 @@ from hagoromo.app.progress_bar import step_lines
 from hagoromo.camera.response import Response, camera_response, camera_white, srgb_from_camera
 from hagoromo.errors import InputError
 from hagoromo.files.record import read_json
-from hagoromo.image.compare import compare
-from hagoromo.image.image import read_image
+from hagoromo.image.picture.compare import compare
+from hagoromo.image.picture.image import read_image
 from hagoromo.light.colour import srgb_from_xyz
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.photograph.capture import load_capture

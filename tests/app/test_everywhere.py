@@ -10,7 +10,7 @@ from hagoromo.app.everywhere import Everywhere, everywhere, taken
 from hagoromo.app.progress_bar import progress_bar
 from hagoromo.errors import InputError
 from hagoromo.files.checks import ALLOWED, inside
-from hagoromo.image.scene_file import _recipe_place, load_scene
+from hagoromo.image.scene.scene_file import _recipe_place, load_scene
 from hagoromo.matter.recipe import planned, recipe_place, shipped_recipes, summary
 from tests.ball_scene import KEY, camera
 

@@ -14,16 +14,16 @@ from hagoromo.files.exr import write_exr
 from hagoromo.files.png import read_png
 from hagoromo.files.record import read_json, read_toml
 from hagoromo.files.toml_text import toml_text
-from hagoromo.image import prepared_scene
 from hagoromo.image.film import film as filming
 from hagoromo.image.film.film import FilmOrder, Turn, chosen, film, frame_image, frame_tables, sheet
-from hagoromo.image.film.motion import Motion, turned
+from hagoromo.image.picture.shown import DisplayTransform, DisplayView
+from hagoromo.image.prepared import prepared_scene
 from hagoromo.image.render import render
-from hagoromo.image.scene import Scene
-from hagoromo.image.scene_file import load_scene
-from hagoromo.image.settings import Settings
-from hagoromo.image.shown import DisplayTransform, DisplayView
-from hagoromo.image.surface import Surface
+from hagoromo.image.scene.motion import Motion, turned
+from hagoromo.image.scene.scene import Scene
+from hagoromo.image.scene.scene_file import load_scene
+from hagoromo.image.scene.settings import Settings
+from hagoromo.image.scene.surface import Surface
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.lamp_profile import LampProfile
 from hagoromo.light.spectrum import Spectrum
@@ -218,7 +218,7 @@ def load_camera():
 
 def test_frames_build_nothing_twice(turning, tmp_path, monkeypatch):
     """In an orbit of the camera: one medium, one set of shadow maps of full size, one reading of the box."""
-    from hagoromo.image import scene_file
+    from hagoromo.image.scene import scene_file
 
     built = []
     begin = prepared_scene.Medium.__init__

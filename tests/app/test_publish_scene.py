@@ -9,7 +9,7 @@ import pytest
 import hagoromo as hg
 from hagoromo.app.cli import main
 from hagoromo.image.box_camera import box_camera
-from hagoromo.image.scene import Scene
+from hagoromo.image.scene.scene import Scene
 from hagoromo_page.publication.lit import hemisphere, shown
 from hagoromo_page.publication.stack_basis import STORED_ERROR, packed_stack
 from hagoromo_page.publication.stack_lamps import directions_to_add

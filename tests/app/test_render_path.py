@@ -7,7 +7,7 @@ import pytest
 
 import hagoromo as hg
 from hagoromo.app.cli import main
-from hagoromo.image.walk_sums import WalkSums
+from hagoromo.image.path.walk_sums import WalkSums
 
 
 def test_a_scene_is_rendered_in_all_orders_and_exposed_again(scene, tmp_path):
@@ -36,7 +36,7 @@ def test_an_interrupt_leaves_the_picture_so_far_and_resume_goes_on(scene, tmp_pa
     """To the bits of an uninterrupted run, with the same scene; a finished picture is not resumed."""
     picture, whole = tmp_path / "a.exr", tmp_path / "b.exr"
     command = ["render", str(scene()), "--mode", "path", "--samples", "6", "--out"]
-    monkeypatch.setattr("hagoromo.image.path_picture.launch_size", lambda channels: 500)
+    monkeypatch.setattr("hagoromo.image.path.picture.launch_size", lambda channels: 500)
     assert main([*command, str(whole)]) == 0
     add, left = WalkSums.add, iter(range(3))
 

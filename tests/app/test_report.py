@@ -8,7 +8,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from hagoromo.image.compare import Comparison
+from hagoromo.image.picture.compare import Comparison
 from hagoromo.image.relight.prediction import PREDICTIONS, Prediction
 from hagoromo.image.relight.relighting import Relighting
 from hagoromo.measurement.lamp_departure import LampDeparture

@@ -6,10 +6,10 @@ import pytest
 from hagoromo.camera.response import Response
 from hagoromo.errors import InputError
 from hagoromo.files.record import write_json
-from hagoromo.image.image import read_image
+from hagoromo.image.picture.image import read_image
 from hagoromo.image.render import render
-from hagoromo.image.scene_file import load_scene
-from hagoromo.image.settings import Settings
+from hagoromo.image.scene.scene_file import load_scene
+from hagoromo.image.scene.settings import Settings
 from hagoromo.image.simulate import simulate
 from hagoromo.matter.build import build
 from hagoromo.photograph.capture import load_capture

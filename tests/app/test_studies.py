@@ -15,7 +15,7 @@ STUDIES = Path(__file__).parents[2] / "studies"
 FILES = [path.relative_to(STUDIES).as_posix() for path in sorted(STUDIES.rglob("*.py"))]
 INSIDE = {  # modules of the package that a study takes apart, and why no public name serves it
     # a mend with few of the walks of one picture, many times over
-    "few_walks.py": {"image.full_mend", "image.full_picture", "image.full_walks", "image.prepared_scene"},
+    "few_walks.py": {"image.full.mend", "image.full.picture", "image.full.walks", "image.prepared.prepared_scene"},
     # the models that the fits minimise, to predict readings from parameters that no fit has found
     "merl.py": {
         "app.shared_options",
@@ -133,8 +133,8 @@ INSIDE = {  # modules of the package that a study takes apart, and why no public
     "cluster_bench.py": {"cluster.cluster", "image.render_tiles"},
     # and while they walk: when tasks end, and how many walks an error takes
     "cluster_orders.py": {
-        *("cluster.cluster", "files.cache", "image.path_picture", "image.render_tiles", "image.scene_on_worker"),
-        *("image.walk_sums", "image.walk_tiles"),
+        *("cluster.cluster", "files.cache", "image.path.picture", "image.render_tiles", "image.scene_on_worker"),
+        *("image.path.walk_sums", "image.walk_tiles"),
     },
     # kernels run on Dr.Jit's types of this machine
     "near_rig.py": {"backend"},
@@ -148,7 +148,7 @@ INSIDE = {  # modules of the package that a study takes apart, and why no public
     },
 }
 
-TYPES = "image.modes"  # of choices, for type checkers
+TYPES = "image.scene.modes"  # of choices, for type checkers
 
 
 def modules(path: Path) -> set[str]:

@@ -19,8 +19,8 @@ from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
 from hagoromo.files.exr import write_exr
 from hagoromo.image import preview
+from hagoromo.image.picture.shown import DisplayTransform
 from hagoromo.image.render import render
-from hagoromo.image.shown import DisplayTransform
 from hagoromo_page.view_verb import LOOPBACK
 from hagoromo_page.viewer import development, gate
 from hagoromo_page.viewer.browser import Browser, field_of_view, in_window, pose_from_viser

@@ -12,11 +12,11 @@ from hagoromo.camera.response import Response, camera_white, srgb_from_camera
 from hagoromo.errors import InputError
 from hagoromo.files.exr import write_exr
 from hagoromo.image import march_picture
-from hagoromo.image.image import Image
+from hagoromo.image.picture.image import Image
+from hagoromo.image.picture.spectral_exr import SpectralPicture, write_spectral_exr
 from hagoromo.image.render import render
-from hagoromo.image.scene_file import load_scene
-from hagoromo.image.settings import Settings
-from hagoromo.image.spectral_exr import SpectralPicture, write_spectral_exr
+from hagoromo.image.scene.scene_file import load_scene
+from hagoromo.image.scene.settings import Settings
 from hagoromo.light.colour import delta_e_2000, srgb_encode
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.measurement.inspection.profile import profile

@@ -6,7 +6,7 @@ import pytest
 import hagoromo as hg
 from hagoromo.errors import InputError
 from hagoromo.files.hdr import write_hdr
-from hagoromo.image.scene_file import load_scene
+from hagoromo.image.scene.scene_file import load_scene
 from tests.ball_scene import KEY, ball_scene
 
 SKY = np.random.default_rng(1).random((16, 32, 3)).astype(np.float32) ** 8 * 40.0

@@ -11,7 +11,7 @@ from hagoromo.app.cli import main
 from hagoromo.camera.formats.camera_file import read_views
 from hagoromo.errors import InputError
 from hagoromo.files.mesh import read_mesh
-from hagoromo.image.scene_file import load_scene
+from hagoromo.image.scene.scene_file import load_scene
 from hagoromo.light.colour import linear_colour
 from hagoromo.light.spectrum import Spectrum
 from hagoromo_formats.scenes.gltf_scene import LIGHTS, gltf_from_scene, scene_from_gltf

@@ -11,7 +11,7 @@ import pytest
 
 import hagoromo as hg
 from hagoromo.errors import InputError
-from hagoromo.image.scene_file import load_scene
+from hagoromo.image.scene.scene_file import load_scene
 from hagoromo.light.colour import srgb_decode, srgb_encode
 from hagoromo_formats.scenes.gltf_scene import gltf_from_scene, scene_from_gltf
 

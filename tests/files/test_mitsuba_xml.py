@@ -14,7 +14,7 @@ from hagoromo.app.cli import main
 from hagoromo.backend import mitsuba
 from hagoromo.errors import InputError
 from hagoromo.files.record import read_toml
-from hagoromo.image.scene_file import load_scene
+from hagoromo.image.scene.scene_file import load_scene
 from hagoromo.light.colour import linear_colour
 from hagoromo_formats.mitsuba.bsdfs import METALS
 from hagoromo_formats.mitsuba.serialized import read_serialized

@@ -14,8 +14,8 @@ from hagoromo.errors import InputError
 from hagoromo.files.hdr import read_hdr, write_hdr
 from hagoromo.files.png import png_bytes, read_png, write_png
 from hagoromo.files.tiff import write_tiff
-from hagoromo.image.any_picture import convert_picture, read_any_picture
-from hagoromo.image.spectral_exr import CHANNEL, SpectralPicture, read_spectral_exr, write_spectral_exr
+from hagoromo.image.picture.any_picture import convert_picture, read_any_picture
+from hagoromo.image.picture.spectral_exr import CHANNEL, SpectralPicture, read_spectral_exr, write_spectral_exr
 
 RGBE = np.random.default_rng(2).integers(128, 255, (4, 5, 4)).astype(np.uint8)
 RGBE[..., 3] = np.random.default_rng(3).integers(120, 140, (4, 5))

@@ -14,9 +14,9 @@ from hagoromo.errors import InputError
 from hagoromo.files.exr import read_exr, write_exr
 from hagoromo.files.icc import DISPLAY_P3, SRGB, icc_profile
 from hagoromo.files.png import write_png
-from hagoromo.image.any_picture import convert_picture, read_any_picture
-from hagoromo.image.image import auto_exposure
-from hagoromo.image.shown import DisplayTransform, DisplayView
+from hagoromo.image.picture.any_picture import convert_picture, read_any_picture
+from hagoromo.image.picture.image import auto_exposure
+from hagoromo.image.picture.shown import DisplayTransform, DisplayView
 from hagoromo.light.colour import srgb_decode, srgb_encode
 
 LINEAR = np.random.default_rng(11).random((13, 17, 3)) ** 2.0

@@ -6,8 +6,8 @@ import trimesh
 
 import hagoromo as hg
 from hagoromo.app.cli import DONE, main
-from hagoromo.image.film.motion import read_motion
 from hagoromo.image.film.shutter import scene_with_shutter
+from hagoromo.image.scene.motion import read_motion
 
 pytest.importorskip("pxr", reason="needs usd-core: pip install 'hagoromo[usd]'")
 

@@ -10,7 +10,7 @@ from hagoromo.app.cli import main
 from hagoromo.errors import InputError
 from hagoromo.files.exr import write_exr
 from hagoromo.files.mesh import read_mesh
-from hagoromo.image.scene_file import load_scene
+from hagoromo.image.scene.scene_file import load_scene
 from hagoromo.light.colour import colour_matching
 from hagoromo.light.spectrum import Spectrum, integrate_product
 from hagoromo_formats.curves.curve_file import read_curves

@@ -15,7 +15,7 @@ from trimesh.visual import TextureVisuals
 import hagoromo as hg
 from hagoromo.errors import InputError
 from hagoromo.files.png import write_png
-from hagoromo.image.scene_file import load_scene
+from hagoromo.image.scene.scene_file import load_scene
 from hagoromo.light.colour import srgb_decode
 from hagoromo_formats.scenes.usd_out import usd_from_scene
 from hagoromo_formats.scenes.usd_scene import scene_from_usd

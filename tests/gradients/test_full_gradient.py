@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 import hagoromo as hg
-import hagoromo.image.full_gradient as full_gradient
-import hagoromo.image.full_picture as full_picture
+import hagoromo.image.full.gradient as full_gradient
+import hagoromo.image.full.picture as full_picture
 import hagoromo.transport.field.solve as solve
 from hagoromo.backend import arrays, lookup
-from hagoromo.image.prepared_scene import PreparedScene, SceneCache
-from hagoromo.image.scene_palette import reflectances_of
+from hagoromo.image.prepared.prepared_scene import PreparedScene, SceneCache
+from hagoromo.image.scene.scene_palette import reflectances_of
 from hagoromo.transport.field.adjoint import fitted_back
 from hagoromo.transport.field.band_colours import BandColours
 from hagoromo.transport.field.fit import fitted

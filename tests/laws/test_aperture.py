@@ -8,7 +8,7 @@ import pytest
 
 import hagoromo as hg
 from hagoromo.errors import InputError
-from hagoromo.image.scene_file import load_scene
+from hagoromo.image.scene.scene_file import load_scene
 from tests.ball_scene import KEY, ball_scene
 
 SIZE, FOCAL, DISTANCE, APERTURE = 28, 60.0, 1.0, 0.12  # px, px, m, m

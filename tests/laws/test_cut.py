@@ -6,9 +6,9 @@ import pytest
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
 from hagoromo.image.render import render
-from hagoromo.image.scene import Scene
-from hagoromo.image.settings import Settings
-from hagoromo.image.surface import Surface
+from hagoromo.image.scene.scene import Scene
+from hagoromo.image.scene.settings import Settings
+from hagoromo.image.scene.surface import Surface
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.reflectance import Reflectance

@@ -9,8 +9,8 @@ import pytest
 
 import hagoromo as hg
 from hagoromo.errors import InputError
-from hagoromo.image.scene_file import load_scene
-from hagoromo.image.shape_mesh import shape_mesh
+from hagoromo.image.scene.scene_file import load_scene
+from hagoromo.image.scene.shape_mesh import shape_mesh
 from tests.judges import blocks_agree, mean_is
 from tests.laws.test_lights import radiance
 from tests.laws.test_path import cube, matter

@@ -15,11 +15,11 @@ from hagoromo.app.info import info
 from hagoromo.backend import arrays, column, name
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
-from hagoromo.image.modes import Shadows
 from hagoromo.image.ray_march import RayMarch
-from hagoromo.image.scene import Scene
-from hagoromo.image.scene_file import load_scene
-from hagoromo.image.settings import Settings
+from hagoromo.image.scene.modes import Shadows
+from hagoromo.image.scene.scene import Scene
+from hagoromo.image.scene.scene_file import load_scene
+from hagoromo.image.scene.settings import Settings
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.matter.build import build, build_to

@@ -13,7 +13,7 @@ import pytest
 import hagoromo as hg
 from hagoromo.backend import arrays, lookup
 from hagoromo.errors import InputError
-from hagoromo.image.surface import Surface
+from hagoromo.image.scene.surface import Surface
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.element import cylinder_facets, graded_place, sphere_facets, sphere_table
 from hagoromo.reflectance.facets import expm1_quotient, facet_mass, log1p_quotient, squared_angle_of_mass

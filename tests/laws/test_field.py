@@ -13,15 +13,15 @@ import numpy as np
 import pytest
 from scipy.ndimage import binary_dilation
 
-import hagoromo.image.full_picture as full
+import hagoromo.image.full.picture as full
 import hagoromo.transport.field.solve as solve
 from hagoromo.backend import arrays, column
 from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
-from hagoromo.image.prepared_scene import PreparedScene, SceneCache
+from hagoromo.image.prepared.prepared_scene import PreparedScene, SceneCache
 from hagoromo.image.render import render
-from hagoromo.image.scene import Scene
-from hagoromo.image.settings import Settings
+from hagoromo.image.scene.scene import Scene
+from hagoromo.image.scene.settings import Settings
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.lamp_profile import LampProfile
 from hagoromo.light.spectrum import Spectrum

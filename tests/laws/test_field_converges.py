@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 import hagoromo as hg
-import hagoromo.image.full_picture as full
+import hagoromo.image.full.picture as full
 
 WHITE = hg.Spectrum.constant(1.0)
 SPHERES = hg.Reflectance(0.9 / math.pi, 0.0, 0.3, 1.5, WHITE, element="sphere")

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 import hagoromo as hg
-import hagoromo.image.full_picture as full
-import hagoromo.image.patch_meshes as patch_meshes
-from hagoromo.image.prepared_scene import SceneCache
+import hagoromo.image.full.picture as full
+import hagoromo.image.scene.patch_meshes as patch_meshes
+from hagoromo.image.prepared.prepared_scene import SceneCache
 from hagoromo.reflectance.element import Element
 from hagoromo.transport.field import matter_samples
 from hagoromo.transport.field.cells import Cells

@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 
 import hagoromo as hg
-from hagoromo.image import full_picture
-from hagoromo.image.full_error import BLOCK, FullError
-from hagoromo.image.full_judge import Judge
-from hagoromo.image.full_mend import Mender, MendFit
-from hagoromo.image.full_refine import mended
-from hagoromo.image.full_walks import BlockSums, PictureBlocks, in_blocks
-from hagoromo.image.image import Image
+from hagoromo.image.full import picture as full_picture
+from hagoromo.image.full.judge import Judge
+from hagoromo.image.full.mend import Mender, MendFit
+from hagoromo.image.full.refine import mended
+from hagoromo.image.full.walks import BlockSums, PictureBlocks, in_blocks
+from hagoromo.image.picture.full_error import BLOCK, FullError
+from hagoromo.image.picture.image import Image
 from hagoromo.transport.palette import Palette
 from tests.judges import intervals_hold
 
@@ -232,7 +232,7 @@ class TimedWalks(MadeUp):
     def __init__(self, monkeypatch, each):
         super().__init__(1, 0.3, 0.1)
         self.now, self.each = 0.0, each
-        monkeypatch.setattr("hagoromo.image.full_refine.time.monotonic", lambda: self.now)
+        monkeypatch.setattr("hagoromo.image.full.refine.time.monotonic", lambda: self.now)
 
     def __call__(self, pixels, numbers):
         self.now += len(pixels) * self.each
@@ -281,9 +281,9 @@ def test_what_is_left_of_the_walks_may_be_fewer_than_one_a_pixel(monkeypatch, as
         assert len(looks) < 30
         return Judge(mender)
 
-    monkeypatch.setattr("hagoromo.image.full_refine.FIRST_WALKS", 2 * pixels)
-    monkeypatch.setattr("hagoromo.image.full_refine.MOST_WALKS", round(3.3 * pixels))
-    monkeypatch.setattr("hagoromo.image.full_refine.Judge", judged)
+    monkeypatch.setattr("hagoromo.image.full.refine.FIRST_WALKS", 2 * pixels)
+    monkeypatch.setattr("hagoromo.image.full.refine.MOST_WALKS", round(3.3 * pixels))
+    monkeypatch.setattr("hagoromo.image.full.refine.Judge", judged)
     mended_by(scene, None, error=asked)
     assert (np.diff(looks) >= pixels).all()
     assert asked is not None or looks == [2 * pixels, 3 * pixels]

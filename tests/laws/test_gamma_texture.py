@@ -15,11 +15,11 @@ import numpy as np
 import pytest
 
 import hagoromo as hg
-import hagoromo.image.patch_meshes as patch_meshes
+import hagoromo.image.scene.patch_meshes as patch_meshes
 from hagoromo.backend import arrays
 from hagoromo.errors import InputError
-from hagoromo.image.read_once import read_once
-from hagoromo.image.scene_file import load_scene, readers, scene_from_tables
+from hagoromo.image.scene.read_once import read_once
+from hagoromo.image.scene.scene_file import load_scene, readers, scene_from_tables
 from hagoromo.transport.field.scattering import ScatteringTables
 from hagoromo.transport.gamma_rows import GammaRows, gammas_between
 from hagoromo.transport.materials import Materials

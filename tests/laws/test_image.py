@@ -12,11 +12,11 @@ from hagoromo.errors import InputError
 from hagoromo.files.exr import read_exr, write_exr
 from hagoromo.files.png import read_png
 from hagoromo.image.expose import expose
-from hagoromo.image.image import read_image
+from hagoromo.image.picture.image import read_image
 from hagoromo.image.render import render
-from hagoromo.image.scene import Scene
-from hagoromo.image.settings import Settings
-from hagoromo.image.surface import Surface
+from hagoromo.image.scene.scene import Scene
+from hagoromo.image.scene.settings import Settings
+from hagoromo.image.scene.surface import Surface
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.reflectance import Reflectance

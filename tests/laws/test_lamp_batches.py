@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 import hagoromo as hg
-from hagoromo.image import lamp_batches, preview
-from hagoromo.image.lamp_batches import LAMPS_AT_ONCE, WeightsOfLamps
+from hagoromo.image import preview
+from hagoromo.image.prepared import lamp_batches
+from hagoromo.image.prepared.lamp_batches import LAMPS_AT_ONCE, WeightsOfLamps
 from hagoromo.transport import lighting
 from hagoromo.transport.frames import DEFAULT_TOLERANCE
 from hagoromo.transport.lighting import MOST_LAMPS

@@ -9,8 +9,8 @@ import OpenEXR
 import pytest
 
 import hagoromo as hg
-from hagoromo.image.denoise import denoised
-from hagoromo.image.image import LAYERS
+from hagoromo.image.picture.denoise import denoised
+from hagoromo.image.picture.image import LAYERS
 
 RED = hg.Spectrum([360, 560, 580, 830], [0.1, 0.1, 0.8, 0.8])
 MATTE = hg.Reflectance(0.2, 0.3, 0.3, 1.5, RED, name="clay")

@@ -12,7 +12,7 @@ import pytest
 import hagoromo as hg
 from hagoromo.backend import arrays, column
 from hagoromo.camera.response import Response
-from hagoromo.image.surface import SHAPES
+from hagoromo.image.scene.surface import SHAPES
 from hagoromo.light.environment import upsampled
 from tests.judges import mean_is, sampler_follows_density
 from tests.laws.test_path import SIDE, cube, light_along, matter, scene_of

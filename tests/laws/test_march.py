@@ -10,8 +10,8 @@ import pytest
 from hagoromo.backend import arrays
 from hagoromo.camera.camera import Camera
 from hagoromo.image.render import render
-from hagoromo.image.scene import Scene
-from hagoromo.image.settings import Settings
+from hagoromo.image.scene.scene import Scene
+from hagoromo.image.scene.settings import Settings
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.element import element_weights

@@ -6,9 +6,9 @@ import pytest
 from hagoromo.camera.camera import Camera
 from hagoromo.camera.response import Response
 from hagoromo.camera.sensor import Sensor
-from hagoromo.image.scene import Scene
+from hagoromo.image.scene.scene import Scene
+from hagoromo.image.scene.surface import Surface
 from hagoromo.image.simulate import simulate
-from hagoromo.image.surface import Surface
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.reflectance import Reflectance

@@ -13,11 +13,11 @@ from hagoromo.errors import InputError
 from hagoromo.files.content import content_with_named
 from hagoromo.files.png import write_png
 from hagoromo.image.film.film import FilmOrder, frame_image
-from hagoromo.image.film.motion import read_motion
 from hagoromo.image.film.shutter import scene_with_shutter
-from hagoromo.image.moving import INSTANTS, MovingScene
-from hagoromo.image.read_once import read_once
-from hagoromo.image.scene_file import scene_from_tables
+from hagoromo.image.scene.motion import read_motion
+from hagoromo.image.scene.moving import INSTANTS, MovingScene
+from hagoromo.image.scene.read_once import read_once
+from hagoromo.image.scene.scene_file import scene_from_tables
 from tests.judges import blocks_agree
 
 SIDE, WAY, AWAY = 0.16, 0.1, 10.0  # [m] of a cube, how far it moves, from the camera

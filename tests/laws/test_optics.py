@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import hagoromo as hg
-from hagoromo.image.nesting import is_closed
+from hagoromo.image.prepared.nesting import is_closed
 
 WHITE = hg.Spectrum.constant(1.0)
 RED = hg.Spectrum([360, 400, 700, 830], [0.2, 0.2, 0.8, 0.8])

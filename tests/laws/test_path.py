@@ -14,10 +14,10 @@ import pytest
 
 import hagoromo as hg
 from hagoromo.backend import arrays
-from hagoromo.image import path_picture
-from hagoromo.image.prepared_scene import PreparedScene
-from hagoromo.image.walk_sums import WalkSums
-from hagoromo.image.walked import Walked
+from hagoromo.image.path import picture as path_picture
+from hagoromo.image.path.walk_sums import WalkSums
+from hagoromo.image.path.walked import Walked
+from hagoromo.image.prepared.prepared_scene import PreparedScene
 from hagoromo.reflectance.element import ELEMENTS
 from hagoromo.transport.materials import Materials
 from hagoromo.transport.palette import Palette, palette_of
@@ -424,7 +424,7 @@ def test_an_interrupted_picture_goes_on_to_the_bits_of_one_that_was_not(monkeypa
     camera = hg.Camera(70, 50, (160.0, 160.0), (35.0, 25.0)).look_at((0.0, -1.0, 0.5), (0.0, 0.0, 0.0))
     ball = hg.Surface.sphere((0.0, 0.0, 0.0), 0.15, hg.Reflectance(0.25, 0.2, 0.3, 1.5, RED))
     scene, settings = hg.Scene(camera, lamps, surfaces=(ball,)), hg.Settings(seed=5, **stop)
-    monkeypatch.setattr("hagoromo.image.lamp_batches.LAMPS_AT_ONCE", 2)
+    monkeypatch.setattr("hagoromo.image.prepared.lamp_batches.LAMPS_AT_ONCE", 2)
     whole = hg.render(scene, settings, mode="path")
     for calls in launches:
         left = iter(range(calls))
@@ -503,7 +503,7 @@ def test_many_lamps_of_many_colours_are_a_sum_of_batches(monkeypatch):
     lamps = [hg.Lamp(position=(0.1 * k, 0.0, 0.1), spectrum=each) for k, each in enumerate((STEP, GREY, BLUE))]
     scene = hg.Scene(camera, tuple(lamps), surfaces=(sphere,))
     whole = hg.render(scene, hg.Settings(samples=64), mode="path")
-    monkeypatch.setattr("hagoromo.image.lamp_batches.LAMPS_AT_ONCE", 2)
+    monkeypatch.setattr("hagoromo.image.prepared.lamp_batches.LAMPS_AT_ONCE", 2)
     parts = hg.render(scene, hg.Settings(samples=64), mode="path")
     assert parts.palette.channels == whole.palette.channels and parts.variance is not None
     y, other = (picture.xyz()[..., 1].mean() for picture in (parts, whole))

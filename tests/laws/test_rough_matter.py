@@ -8,7 +8,7 @@ import pytest
 
 import hagoromo as hg
 from hagoromo.backend import arrays, vectors
-from hagoromo.image import prepared_scene
+from hagoromo.image.prepared import prepared_scene
 from hagoromo.transport.lighting import WayToLamp
 from hagoromo.transport.march import optical_depth
 from hagoromo.transport.medium import Medium

@@ -10,7 +10,7 @@ import pytest
 from hagoromo.backend import arrays, set_threads
 from hagoromo.camera.camera import Camera
 from hagoromo.image.render import render
-from hagoromo.image.scene import Scene
+from hagoromo.image.scene.scene import Scene
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.reflectance import Reflectance

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import hagoromo as hg
-from hagoromo.image.modes import Mode
+from hagoromo.image.scene.modes import Mode
 
 WHITE = hg.Spectrum.constant(1.0)
 ACROSS = np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1.0]])  # a rectangle that faces −y

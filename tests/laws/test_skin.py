@@ -11,8 +11,8 @@ from hagoromo.camera.camera import Camera
 from hagoromo.errors import InputError
 from hagoromo.files.table import read_table
 from hagoromo.image.render import render
-from hagoromo.image.scene import Scene
-from hagoromo.image.settings import Settings
+from hagoromo.image.scene.scene import Scene
+from hagoromo.image.scene.settings import Settings
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.matter.build import build

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 import hagoromo as hg
-import hagoromo.image.full_picture as full
+import hagoromo.image.full.picture as full
 from hagoromo.backend import arrays, lookup
 from hagoromo.errors import InputError
 from hagoromo.files.array_tree import digest_of_tree, read_tree, write_tree
 from hagoromo.files.cache import DATA, cache
-from hagoromo.image import patch_meshes
-from hagoromo.image.prepared_scene import SceneCache
-from hagoromo.image.settings import Settings
-from hagoromo.image.solved_light import FILE, SolvedLight, StoredLight
+from hagoromo.image.full.solved_light import FILE, SolvedLight, StoredLight
+from hagoromo.image.prepared.prepared_scene import SceneCache
+from hagoromo.image.scene import patch_meshes
+from hagoromo.image.scene.settings import Settings
 from hagoromo.light.spectrum import Spectrum
 from hagoromo.reflectance.element import Element
 from hagoromo.transport.field.cells import Cells

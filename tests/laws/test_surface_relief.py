@@ -9,7 +9,7 @@ import pytest
 import hagoromo as hg
 from hagoromo.errors import InputError
 from hagoromo.files.content import content_with_named
-from hagoromo.image.scene_file import load_scene
+from hagoromo.image.scene.scene_file import load_scene
 from tests.laws.test_field_surfaces import paint
 from tests.laws.test_surface_texture import FACES, FAR, SIDE, SQUARE, UV, above
 from tests.surface_scene import BEFORE_A_SURFACE

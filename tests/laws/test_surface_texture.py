@@ -7,8 +7,8 @@ import pytest
 
 import hagoromo as hg
 from hagoromo.errors import InputError
-from hagoromo.image.higher_orders import albedos_of
-from hagoromo.image.scene_file import load_scene
+from hagoromo.image.prepared.higher_orders import albedos_of
+from hagoromo.image.scene.scene_file import load_scene
 from hagoromo.transport.path.bands import bands_of
 from tests.laws.test_field_surfaces import RED, blocks, paint
 from tests.laws.test_lights import radiance

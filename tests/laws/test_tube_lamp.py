@@ -7,7 +7,7 @@ import pytest
 
 import hagoromo as hg
 from hagoromo.backend import arrays, mitsuba
-from hagoromo.image.scene_lights import area_lamp_from
+from hagoromo.image.scene.scene_lights import area_lamp_from
 from hagoromo.light.shapes.tube import Tube
 from hagoromo_formats.mitsuba.write import write_mitsuba
 

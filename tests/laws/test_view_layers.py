@@ -5,12 +5,12 @@ import pytest
 
 from hagoromo.camera.camera import Camera
 from hagoromo.files.record import read_toml
-from hagoromo.image.prepared_scene import SceneCache
+from hagoromo.image.prepared.prepared_scene import SceneCache
 from hagoromo.image.preview import Preview
 from hagoromo.image.render import render
-from hagoromo.image.scene import Scene
-from hagoromo.image.settings import Settings
-from hagoromo.image.surface import Surface
+from hagoromo.image.scene.scene import Scene
+from hagoromo.image.scene.settings import Settings
+from hagoromo.image.scene.surface import Surface
 from hagoromo.light.colour import srgb_decode
 from hagoromo.light.lamp import Lamp
 from hagoromo.light.spectrum import Spectrum

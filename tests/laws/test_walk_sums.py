@@ -8,10 +8,10 @@ import pytest
 
 import hagoromo as hg
 from hagoromo.backend import name
-from hagoromo.image.settings import Settings
-from hagoromo.image.sums_channels import channels_of_sums, sums_of_channels
-from hagoromo.image.walk_sums import COVERED, Stop, WalkSums
-from hagoromo.image.walked import Walked
+from hagoromo.image.path.walk_sums import COVERED, Stop, WalkSums
+from hagoromo.image.path.walked import Walked
+from hagoromo.image.picture.sums_channels import channels_of_sums, sums_of_channels
+from hagoromo.image.scene.settings import Settings
 from hagoromo.transport.palette import Palette
 
 WHITE = hg.Spectrum.constant(1.0)

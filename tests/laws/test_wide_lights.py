@@ -15,7 +15,7 @@ import pytest
 import hagoromo
 import hagoromo as hg
 from hagoromo.backend import arrays
-from hagoromo.image.emitter_mesh import emitters_of
+from hagoromo.image.scene.emitter_mesh import emitters_of
 from hagoromo.light.shapes import SHAPES
 
 DRAWS = 1 << 16
@@ -141,7 +141,7 @@ def test_other_programs_have_it_or_people_are_told(name, program):
 
 KINDS = r"hagoromo\.light\.(area_lamp|environment|environment_light|emitting_surface|shapes|beams|surface_emission)\b"
 KNOW_KINDS = {  # each says what a scene consists of, or what its file says
-    "image/scene.py", "image/scene_lights.py", "image/emitter_mesh.py", "image/surface.py",
+    "image/scene/scene.py", "image/scene/scene_lights.py", "image/scene/emitter_mesh.py", "image/scene/surface.py",
 }  # fmt: skip
 
 

@@ -25,19 +25,19 @@ from hagoromo.files.png import png_bytes, read_png
 from hagoromo.files.record import is_number, read_json_table, write_json, written_by
 from hagoromo.files.resumable import resumable_folder
 from hagoromo.files.whole import replaceable_file, tidied, whole_file, write_bytes
-from hagoromo.image.film.motion import Tables, read_motion, turned
-from hagoromo.image.film.motion_record import MOST_RATE
 from hagoromo.image.film.shutter import moving_at
-from hagoromo.image.image import Image, auto_exposure
-from hagoromo.image.modes import Mode
-from hagoromo.image.ocio_view import OWN
-from hagoromo.image.prepared_scene import SceneCache
-from hagoromo.image.read_once import read_once
+from hagoromo.image.picture.image import Image, auto_exposure
+from hagoromo.image.picture.ocio_view import OWN
+from hagoromo.image.picture.shown import DisplayTransform, DisplayView
+from hagoromo.image.prepared.prepared_scene import SceneCache
 from hagoromo.image.render import picture_of_mode
-from hagoromo.image.scene import Scene
-from hagoromo.image.scene_file import camera_and_settings, scene_from_tables
-from hagoromo.image.settings import Settings, check_mode
-from hagoromo.image.shown import DisplayTransform, DisplayView
+from hagoromo.image.scene.modes import Mode
+from hagoromo.image.scene.motion import Tables, read_motion, turned
+from hagoromo.image.scene.motion_record import MOST_RATE
+from hagoromo.image.scene.read_once import read_once
+from hagoromo.image.scene.scene import Scene
+from hagoromo.image.scene.scene_file import camera_and_settings, scene_from_tables
+from hagoromo.image.scene.settings import Settings, check_mode
 from hagoromo.progress import Progress, part_of, silent
 
 MOST_FRAMES = 100_000

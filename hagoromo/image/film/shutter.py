@@ -12,17 +12,17 @@ from numpy.typing import NDArray
 
 from hagoromo.errors import InputError, described
 from hagoromo.files.record import decode
-from hagoromo.image.film.motion import Motion, Tables, read_motion
-from hagoromo.image.image import Image
-from hagoromo.image.modes import Mode
-from hagoromo.image.moving import INSTANTS, MovingScene
-from hagoromo.image.prepared_scene import SceneCache
-from hagoromo.image.read_once import read_once
+from hagoromo.image.picture.image import Image
+from hagoromo.image.prepared.prepared_scene import SceneCache
 from hagoromo.image.render import picture_of_mode
-from hagoromo.image.scene import Scene
-from hagoromo.image.scene_file import SceneBox, scene_from_tables
-from hagoromo.image.scene_surface import NOWHERE, Placement, SceneSurface, pose_of
-from hagoromo.image.settings import Settings, check_mode, metadata
+from hagoromo.image.scene.modes import Mode
+from hagoromo.image.scene.motion import Motion, Tables, read_motion
+from hagoromo.image.scene.moving import INSTANTS, MovingScene
+from hagoromo.image.scene.read_once import read_once
+from hagoromo.image.scene.scene import Scene
+from hagoromo.image.scene.scene_file import SceneBox, scene_from_tables
+from hagoromo.image.scene.scene_surface import NOWHERE, Placement, SceneSurface, pose_of
+from hagoromo.image.scene.settings import Settings, check_mode, metadata
 from hagoromo.progress import Progress, part_of, silent
 
 MOST_TIMES = 1024  # pictures of a mean

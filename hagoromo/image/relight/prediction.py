@@ -25,12 +25,12 @@ from hagoromo.errors import InputError
 from hagoromo.files.exr import write_exr
 from hagoromo.files.png import write_png
 from hagoromo.files.record import ForeignRecord, WrittenBy, about, written_by
-from hagoromo.image.compare import Comparison, compare
+from hagoromo.image.picture.compare import Comparison, compare
 from hagoromo.image.relight.forecast import ShownLight
 from hagoromo.image.relight.learnt import Learnt
 from hagoromo.image.relight.stage import Stage
 from hagoromo.image.render import render
-from hagoromo.image.scene_file import load_scene
+from hagoromo.image.scene.scene_file import load_scene
 from hagoromo.light.colour import srgb_encode
 from hagoromo.light.lamp import Lamp
 from hagoromo.measurement.material.material_objective import interface_of
