@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from hagoromo.least_squares.loss import ROBUST_SCALE, Loss
 from hagoromo.measurement.linearity import LEAST_SIGNAL, one_view
 from hagoromo.measurement.squares import square_means
+from hagoromo.measurement.trials import Trials, tried
 from hagoromo.photograph.photograph import Photograph
 
 Array = NDArray[Any]
@@ -33,12 +34,13 @@ BORDER = 4  # px of the picture's border that do not count
 COARSE, FINE = 3.0, 5.0  # [px] factors are found above this scale, shifts and blur below that one
 STRENGTH, FAINT = 8.0, 0.05  # [px] over which the strength of edges is made alike, and the share of the largest left
 SHADE, DARK = 1.5, 0.2  # [px], and share of its largest light below which a place is in shadow, and does not count
+EMPTY = 0.005  # share of what bright places show at most, below which a place is empty
 TERMS = 4  # of the sums
 FEWEST_PIXELS = 10 * TERMS  # of a photograph, that give its factors
 THINNED = 2  # each so many pixels, along rows and columns, give the factors
 LOSS = Loss("huber", 1.5)
 ROUNDS = 4  # of reweighting
-STEPS, SETTLED = 8, 0.03  # of a shift, and the last one [px]
+STEPS, SETTLED, STRAYED = 8, 0.03, 0.3  # of a shift, the last one [px], and a last one that leads nowhere
 FARTHEST = 2.0  # px of a step, and beyond which edges are compared from afar, too
 LEAST_FACTOR = 0.3  # of the prediction, in the size of a step
 BLOCKS = 4  # along each side, that are left out one after the other (jackknife)
@@ -51,7 +53,7 @@ UNUSUAL = 4.0  # times the usual shift (as a standard deviation along an axis)
 CERTAIN = 5.0  # standard errors of a shift
 BLURS = (0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 6.0)  # [px] standard deviations of a Gaussian
 BLUR_PX, LEFT_OUT_PX = 1.5, 1.0  # least blur that is said, with all blocks and without any one
-TRIED_SHIFT, TRIED_BLUR = 1.0, 2.0  # px, that would have to be said of the usual photograph
+TRIED_SHIFT, TRIED_BLUR = 1.0, 2.0  # px, of trials
 LEAST_SHOWN = 0.01  # share of the pixels that must show the scene; a photograph nearly black says nothing
 MOST_NAMED = 6  # photographs after which no further rounds are made
 
@@ -59,14 +61,14 @@ MOST_NAMED = 6  # photographs after which no further rounds are made
 @dataclass(frozen=True)
 class Stillness:
     """shifts: name → (x, y) [px] of photographs that are shifted against the others. blurs: name → standard deviation
-    [px] of those that are less sharp. shows_shift, shows_blur: whether the photographs have the detail to show a shift
-    of one pixel, a blur of two.
+    [px] of those that are less sharp. shift_trials, blur_trials: how often a shift of one pixel, a blur of two, would
+    be said.
     """
 
     shifts: Mapping[str, tuple[float, float]]
     blurs: Mapping[str, float]
-    shows_shift: bool
-    shows_blur: bool
+    shift_trials: Trials
+    blur_trials: Trials
 
 
 def stillness(photographs: Sequence[Photograph]) -> Stillness | None:
@@ -81,14 +83,14 @@ def stillness(photographs: Sequence[Photograph]) -> Stillness | None:
     height, width = (part.stop - part.start for part in whole)
     step = max(int(np.ceil(np.sqrt(height * width / COMPARED_PIXELS))), 1)
     views = _Views(shots, mask, whole, step)
-    shifts, shows_shift = _moved(views)
+    shifts, shift_trials = _moved(views)
     sharp = views if step == 1 and max(height, width) <= SIDE else _Views(shots, mask, _finest(shots, mask, whole), 1)
-    blurs, shows_blur = _blurred(sharp, {k: step * shift for k, shift in shifts.items()})
+    blurs, blur_trials = _blurred(sharp, {k: step * shift for k, shift in shifts.items()})
     return Stillness(
         {shots[k].name: (step * float(x), step * float(y)) for k, (y, x) in sorted(shifts.items())},
         {shots[k].name: blur for k, blur in sorted(blurs.items())},
-        shows_shift,
-        shows_blur,
+        shift_trials,
+        blur_trials,
     )
 
 
@@ -104,7 +106,8 @@ class _Views:
         inner = np.zeros_like(near)
         inner[BORDER:-BORDER, BORDER:-BORDER] = True
         softened = gaussian_filter(self.grey, (0.0, SHADE, SHADE))
-        lit = softened > DARK * softened.max(axis=0)
+        largest = softened.max(axis=0)
+        lit = (softened > DARK * largest) & (largest > EMPTY * np.quantile(largest, 0.9))
         self.usable = ~clipped & lit & (near & inner)
         self.smooth = np.stack([gaussian_filter(grey, COARSE)[::THINNED, ::THINNED] for grey in self.grey])
         fine = np.stack([_fine(grey) for grey in self.grey])
@@ -180,7 +183,7 @@ class _Pair(NamedTuple):
         """(2,) (down, across) [px] by which the photograph is shifted against the prediction, and how many standard
         errors that is, by leaving out blocks.
         """
-        shift, certain = start.copy(), 0.0
+        shift = start.copy()
         for _ in range(STEPS):
             there = _shifted(self.prediction, shift)
             down, across = np.gradient(there)
@@ -192,10 +195,9 @@ class _Pair(NamedTuple):
                 weight = _weight(own - columns @ found)
             step = np.clip(found[:2] / max(found[2], LEAST_FACTOR), -FARTHEST, FARTHEST)
             if np.hypot(*step) < SETTLED:
-                certain = self._certainty(shift + step, columns, weight)
                 break
             shift = shift + step
-        return shift, certain
+        return shift, self._certainty(shift + step, columns, weight) if np.hypot(*step) < STRAYED else 0.0
 
     def _certainty(self, shift: Array, columns: Array, weight: Array) -> float:
         own, block = self.own[self.usable], self.block[self.usable]
@@ -234,8 +236,8 @@ class _Found(NamedTuple):
 Look = Callable[[_Views, int, Sequence[int]], _Found]  # at a photograph, beside some others
 
 
-def _moved(views: _Views) -> tuple[dict[int, Array], bool]:
-    """Shifts (down, across) [px of `views`] of photographs that moved, and whether one of TRIED_SHIFT would be said."""
+def _moved(views: _Views) -> tuple[dict[int, Array], Trials]:
+    """Shifts (down, across) [px of `views`] of photographs that moved, and how often one of TRIED_SHIFT is said."""
     found = _looked(views, _look_at_shift)
     usual = np.median([np.hypot(*one.value) for one in found.values()]) if found else 0.0
     limit = np.clip(UNUSUAL * usual / np.sqrt(2.0 * np.log(2.0)), *SHIFT_PX)  # the median of a Rayleigh distribution
@@ -248,7 +250,7 @@ def _moved(views: _Views) -> tuple[dict[int, Array], bool]:
     def spoil(picture: Array) -> Array:
         return _shifted(picture, np.full(2, TRIED_SHIFT / np.sqrt(2.0)))
 
-    return _named(views, found, _look_at_shift, said), _would_say(views, found, _look_at_shift, said, spoil)
+    return _named(views, found, _look_at_shift, said), _trials(views, found, _look_at_shift, said, spoil)
 
 
 def _look_at_shift(views: _Views, number: int, among: Sequence[int]) -> _Found:
@@ -265,8 +267,8 @@ def _look_at_shift(views: _Views, number: int, among: Sequence[int]) -> _Found:
     return _Found(shift, misfits[best] / plain, certain)
 
 
-def _blurred(views: _Views, shifts: Mapping[int, Array]) -> tuple[dict[int, float], bool]:
-    """Blurs [px of `views`] of photographs that are less sharp, and whether one of TRIED_BLUR would be said."""
+def _blurred(views: _Views, shifts: Mapping[int, Array]) -> tuple[dict[int, float], Trials]:
+    """Blurs [px of `views`] of photographs that are less sharp, and how often one of TRIED_BLUR is said."""
     from scipy.ndimage import gaussian_filter
 
     def look(views: _Views, number: int, among: Sequence[int]) -> _Found:
@@ -281,7 +283,7 @@ def _blurred(views: _Views, shifts: Mapping[int, Array]) -> tuple[dict[int, floa
         return np.asarray(gaussian_filter(picture, TRIED_BLUR))
 
     found = _looked(views, look)
-    return _named(views, found, look, said), _would_say(views, found, look, said, spoil)
+    return _named(views, found, look, said), _trials(views, found, look, said, spoil)
 
 
 def _look_at_blur(views: _Views, number: int, among: Sequence[int], shift: Array | None) -> _Found:
@@ -326,15 +328,14 @@ def _named(views: _Views, found: Mapping[int, _Found], look: Look, said: Callabl
         found = {k: look(views, k, among) for k in candidates}
 
 
-def _would_say(
+def _trials(
     views: _Views, found: Mapping[int, _Found], look: Look, said: Callable[[_Found], bool],
     spoil: Callable[[Array], Array],
-) -> bool:  # fmt: skip
-    """Whether something would be said of the usual photograph, were it spoilt."""
-    if not found:
-        return False
-    usual = sorted(found, key=lambda k: found[k].misfit)[len(found) // 2]
-    return bool(said(look(views.with_picture(usual, spoil(views.grey[usual])), usual, list(found))))
+) -> Trials:  # fmt: skip
+    """How often something is said of a photograph that was spoilt; nothing is of one that shows too little."""
+    among = list(found)
+    spoilt = ((k, views.with_picture(k, spoil(views.grey[k]))) for k in tried(len(views.grey)))
+    return Trials.of(k in found and said(look(there, k, among)) for k, there in spoilt)
 
 
 def _fine(picture: Array) -> Array:

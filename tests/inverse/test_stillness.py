@@ -56,7 +56,7 @@ def still() -> list[Photograph]:
 
 def test_photographs_that_stood_still_are_not_named(still):
     found = found_in(still)
-    assert found.shifts == found.blurs == {} and found.shows_shift and found.shows_blur
+    assert found.shifts == found.blurs == {} and found.shift_trials.enough and found.blur_trials.enough
 
 
 @pytest.mark.parametrize("by", [(0.5, 0.3), (2.3, -1.4), (11.0, 7.0), (-40.0, 25.0)])
@@ -85,7 +85,7 @@ def test_two_that_moved_are_both_named(still):
 
 def test_photographs_of_nothing_and_of_several_views_say_nothing():
     even = found_in([photograph(np.full((163, 211), 0.5), k) for k in range(5)])
-    assert even.shifts == even.blurs == {} and not even.shows_shift and not even.shows_blur
+    assert even.shifts == even.blurs == {} and not even.shift_trials.enough and not even.blur_trials.enough
     one = photograph(relief(0), 0)
     turned = replace(one, camera=CAMERA.look_at((1.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
     assert stillness([one, turned, moved_by(one, *BY)]) is None
@@ -105,7 +105,7 @@ def test_pictures_with_nothing_to_compare_say_nothing(shape, even):
         there = np.ones(shape, np.bool_)
         shots.append(Photograph(values, np.full_like(values, 1e-4), there, camera, (), f"{number}"))
     found = found_in(shots)
-    assert found.shifts == found.blurs == {} and not found.shows_shift and not found.shows_blur
+    assert found.shifts == found.blurs == {} and not found.shift_trials.enough and not found.blur_trials.enough
 
 
 @real_data("uw_psm")

@@ -1,4 +1,4 @@
-"""Full error: how far a picture of mode full is off, as walks through some of its pixels say; see `hagoromo.image.full.judge`.
+"""Full error: how far a picture of mode full is off, as walks through some of its pixels say: see `image.full.judge`.
 
 What is stated holds for Y of all light, over its mean where there is matter, but for the error of few bands.
 """

@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal, get_args
 from msgspec.structs import asdict
 
 from hagoromo.files.record import ForeignRecord, about, decode
+from hagoromo.measurement.trials import Trials
 
 State = Literal["good", "doubtful", "not testable"]
 Name = Literal["order", "lamps", "strengths", "transfer", "motion", "blur", "mask", "calibration"]
@@ -64,3 +65,13 @@ def doubtful(name: Name, said: str, advice: str) -> Check:
 def not_testable(name: Name, why: str) -> Check:
     """A check that these photographs do not allow."""
     return Check(name=name, state="not testable", said=why)
+
+
+def good_where_noticed(name: Name, said: str, mistake: str, trials: Trials, hidden: str) -> Check:
+    """Good where a mistake that was made on purpose was noticed often enough, not testable otherwise. mistake: what was
+    done, and to what; hidden: what hides it.
+    """
+    if not trials.enough:
+        rarely = f"{mistake} is noticed in {trials.noticed} of {trials.tried} trials only: {hidden}"
+        return not_testable(name, rarely)
+    return good(name, f"{said}; {mistake} is noticed in {trials.noticed} of {trials.tried} trials")

@@ -13,8 +13,9 @@ from typing import NamedTuple
 import numpy as np
 
 from hagoromo.least_squares.loss import robust_scale
-from hagoromo.measurement.health.health import Check, Name, doubtful, good, not_testable
+from hagoromo.measurement.health.health import Check, doubtful, good_where_noticed
 from hagoromo.measurement.health.shading import Array, ShadingSample
+from hagoromo.measurement.trials import Trials, tried
 from hagoromo.photograph.exponent import FLOOR, RELATIVE, ROBUST, loss
 
 ROUNDS = 4  # of the robust fit of a lamp
@@ -33,9 +34,8 @@ EXPLAINED_BY_ONE, EXPLAINED_BY_ALL, STANDS_OUT = 0.85, 0.65, 4.0
 OFF_DEG, OWN_MISFIT, LEFT_OUT = 4.0, 0.7, 0.05
 CONTRADICTS = 0.5  # misfit from which photographs say anything: residuals are as large as the model's errors
 PARTS, SURE = 8, 4.5  # parts of the object that are left out in turn, and errors so found of a lamp that is off
-# A check that finds nothing is good where it would have found a mistake of this size, made with some of the lamps in
-# turn, in this share of the trials.
-TURNED_DEG, STRONGER, TRIALS, NOTICED = 8.0, 1.4, 8, 0.5
+TURNED_DEG, STRONGER = 8.0, 1.4  # mistakes of trials
+HIDDEN = "gloss, shadows or a surface that faces few ways hide it"
 FEWEST_READINGS = 20  # of a photograph, by which its lamp is fitted
 MOST_OFF = 3  # lamps that are named
 
@@ -148,7 +148,8 @@ def strengths_check(shading: ShadingSample, found: FittedLamps) -> Check:
     spread = 100.0 * found.spread
     if not found.uneven:
         said = f"the lamps are as strong beside one another as stated, to {spread:.2g} %"
-        return _unless_hidden("strengths", said, f"{STRONGER:g} times as strong", _stronger_ones(shading.few(), found))
+        mistake, trials = f"a lamp that is {STRONGER:g} times as strong", _stronger_ones(shading.few(), found)
+        return good_where_noticed("strengths", said, mistake, trials, HIDDEN)
     far = found.farthest
     return doubtful(
         "strengths",
@@ -170,7 +171,9 @@ def lamps_check(shading: ShadingSample, found: FittedLamps, to_world: Array) -> 
         few, direction = moved, _directions(moved)
     if not wrong:
         said = f"directions agree with the shading to {usual:.1f}° (median)"
-        return _unless_hidden("lamps", said, f"{TURNED_DEG:g}° off", _turned_ones(few, direction))
+        return good_where_noticed(
+            "lamps", said, f"a lamp that is {TURNED_DEG:g}° off", _turned_ones(few, direction), HIDDEN
+        )
     said = []
     for k, towards, off in wrong:
         x, y, z = to_world @ towards
@@ -178,40 +181,25 @@ def lamps_check(shading: ShadingSample, found: FittedLamps, to_world: Array) -> 
     return doubtful("lamps", "; ".join(said), "check its entry, or correct it so")
 
 
-def _unless_hidden(name: Name, said: str, mistake: str, noticed: Sequence[bool]) -> Check:
-    """Good where a mistake that was made with some of the lamps in turn was noticed in enough of these trials."""
-    count, trials = sum(noticed), len(noticed)
-    if count < NOTICED * trials:
-        hidden = "gloss, shadows or a surface that faces few ways hide it"
-        return not_testable(name, f"a lamp that is {mistake} is noticed in {count} of {trials} trials only: {hidden}")
-    return good(name, f"{said}; one that is {mistake} is noticed in {count} of {trials} trials")
-
-
-def _tried(few: ShadingSample) -> list[int]:
-    """Numbers of the lamps that a mistake is tried with."""
-    count = len(few.values)
-    return np.unique(np.linspace(0, count - 1, min(TRIALS, count)).round().astype(int)).tolist()
-
-
-def _turned_ones(few: ShadingSample, direction: Array) -> list[bool]:
-    """Whether a lamp is named that is stated beside where it is, to either side in turn."""
+def _turned_ones(few: ShadingSample, direction: Array) -> Trials:
+    """How often a lamp is named that is stated beside where it is, to either side in turn."""
     noticed, turn = [], np.radians(TURNED_DEG)
-    for k in _tried(few):
+    for k in tried(len(few.values)):
         stated = few.direction[k]
         aside = np.linalg.svd(stated[None])[2][1 + k % 2]
         turned = few.turned(k, np.cos(turn) * stated + np.sin(turn) * aside)
         noticed.append(_worst(turned, direction)[0] == k)
-    return noticed
+    return Trials.of(noticed)
 
 
-def _stronger_ones(few: ShadingSample, plain: FittedLamps) -> list[bool]:
-    """Whether a lamp is named that is stronger than stated. plain: the lamps with none that is."""
+def _stronger_ones(few: ShadingSample, plain: FittedLamps) -> Trials:
+    """How often a lamp is named that is stronger than stated. plain: the lamps with none that is."""
     noticed = []
-    for k in _tried(few):
+    for k in tried(len(few.values)):
         more = np.where(np.arange(len(few.values)) == k, STRONGER, 1.0)
         found = _strengths(replace(few, values=few.values * more[:, None]), 1.0, np.log(plain.strength * more))
         noticed.append(found.uneven and found.farthest == k)
-    return noticed
+    return Trials.of(noticed)
 
 
 def _worst(few: ShadingSample, direction: Array) -> tuple[int | None, ShadingSample]:

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.measurement.health.health import Check, doubtful, good, not_testable
+from hagoromo.measurement.health.health import Check, doubtful, good, good_where_noticed, not_testable
 from hagoromo.measurement.linearity import one_view
-from hagoromo.measurement.stillness import Stillness
+from hagoromo.measurement.stillness import TRIED_BLUR, TRIED_SHIFT, Stillness
 from hagoromo.photograph.capture import Capture
 
 TOO_FEW = "fewer than three photographs of one view that show something"
@@ -34,9 +34,9 @@ def motion_check(found: Stillness | None) -> Check:
     if found.shifts:
         listed = [f"{name} by ({x:.1f}, {y:.1f}) px" for name, (x, y) in found.shifts.items()]
         return doubtful("motion", f"shifted against the others: {_some(listed)}", "take them again, or leave them out")
-    if not found.shows_shift:
-        return not_testable("motion", "the photographs have too little detail in common to show a shift of a pixel")
-    return good("motion", "no photograph is shifted against the others")
+    mistake, hidden = f"a shift of {TRIED_SHIFT:g} px", "the photographs have too little detail in common"
+    said = "no photograph is shifted against the others"
+    return good_where_noticed("motion", said, mistake, found.shift_trials, hidden)
 
 
 def blur_check(found: Stillness | None) -> Check:
@@ -46,9 +46,9 @@ def blur_check(found: Stillness | None) -> Check:
     if found.blurs:
         listed = [f"{name} by {blur:.1f} px" for name, blur in found.blurs.items()]
         return doubtful("blur", f"less sharp than the others: {_some(listed)}", "take them again, or leave them out")
-    if not found.shows_blur:
-        return not_testable("blur", "the object has no fine edges that blur would take away")
-    return good("blur", "no photograph is less sharp than the others; blur of all alike is not seen")
+    mistake, hidden = f"a blur of {TRIED_BLUR:g} px", "the object has no fine edges that blur would take away"
+    said = "no photograph is less sharp than the others; blur of all alike is not seen"
+    return good_where_noticed("blur", said, mistake, found.blur_trials, hidden)
 
 
 def _some(listed: Sequence[str]) -> str:
