@@ -107,7 +107,7 @@ LIT_BY = {
 }
 
 
-@pytest.mark.by_night("a surface")
+@pytest.mark.by_night("a surface", "a lamp with a size beside lamps")
 @pytest.mark.parametrize("light", LIT_BY)
 def test_a_scene_under_any_light_is_shown_in_its_layers_and_gets_a_lamp(light, tmp_path):
     """One layer each of those of light, of shadows and of matter. Scenes under other lights than lamps were refused."""

@@ -92,6 +92,7 @@ def six_lamps_over_a_floor(near):
     return hg.Scene(camera, lamps, (box,), surfaces=(hg.Surface.floor(-0.001, 0.02, MATTE),))
 
 
+@pytest.mark.by_night("map-near", "map-far", "march-near", "march-one near")
 @pytest.mark.parametrize("near", [range(6), (), (0, 2, 3), (4,)], ids=["near", "far", "mixed", "one near"])
 @pytest.mark.parametrize("shadows", ["map", "march"])
 def test_a_loop_through_lamps_gives_the_bits_of_one_after_the_other(monkeypatch, near, shadows):

@@ -72,7 +72,7 @@ def places(box: VolumeBox) -> np.ndarray:
     return 1e3 * ((index + 0.5) * box.voxel_size + box.pose[:3, 3])
 
 
-@pytest.mark.by_night("feather", "knit", "cloth", "cloth in folds", "skin on a ball")
+@pytest.mark.by_night("feather", "knit", "cloth", "cloth in folds", "skin on a ball", "cloth, a patch")
 @pytest.mark.parametrize("name", RECIPES)
 def test_one_seed_one_result_and_axes_are_unit(name, few_match_points):
     """Bits are compared whole; an axis is kept to ½/1023, ½/1023 and ½/511, so its length to their sum at worst."""

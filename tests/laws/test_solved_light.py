@@ -74,7 +74,7 @@ def solving(monkeypatch):
     return solved
 
 
-@pytest.mark.by_night("box+floor")
+@pytest.mark.by_night("box", "box+floor")
 @pytest.mark.parametrize("parts", PARTS, ids="+".join)
 def test_light_that_is_read_has_the_bits_of_light_that_is_solved(place, solving, parts):
     """Of another camera, too; metadata say the same."""

@@ -86,7 +86,7 @@ def material_numbers(box: VolumeBox) -> np.ndarray:
     return whole[:nz, :ny, :nx]
 
 
-@pytest.mark.by_night("knit")
+@pytest.mark.by_night("knit", "cloth")
 @pytest.mark.parametrize("name", PATCHES)
 def test_thin_matter_sends_back_what_its_elements_do(name):
     """Extinction a ten-thousandth of the recipe's: nothing shades, light adds up. 3 %: 2 % of the march, draws."""
