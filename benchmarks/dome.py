@@ -20,13 +20,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tyro
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
 from hagoromo.files.png import read_png
 from hagoromo.files.record import write_json
 from hagoromo.files.whole import whole_file
+from studies.command import command
 from studies.dome import dome_lamps
 from tests.inverse.simulated_bracket import write_dng
 
@@ -138,4 +138,4 @@ def own_memory(pid: int) -> float:
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    command(main)

@@ -13,9 +13,9 @@ import time
 from collections.abc import Sequence
 
 import numpy as np
-import tyro
 
 import hagoromo as hg
+from studies.command import command
 from studies.glossy_objects import glossy_object
 
 
@@ -42,4 +42,4 @@ def main(lamps: int = 96, size: int = 154, objects: Sequence[str] = ("glaze", "w
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    command(main)

@@ -17,13 +17,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tyro
 
 from hagoromo.camera.camera import Camera
 from hagoromo.camera.sensor import Sensor
 from hagoromo.measurement.surface.tile_store import tile_store
 from hagoromo.measurement.surface.tiles import solve_coarse, solve_tiles
 from hagoromo.photograph.photograph import Photograph
+from studies.command import command
 from studies.near_rig import SURFACE_DISTANCE, Finish, NearRig, TrueShape, exact, ring_rig, shaded, waves
 
 WIDTH, HEIGHT, REPEAT = 4000, 3000, 8
@@ -108,4 +108,4 @@ class _Clock:
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    command(main)

@@ -60,6 +60,8 @@ def glossy_object(
     """
     strength_error = STRENGTH_ERROR if strength_error is None else strength_error
     objects = dict(sorted(GLOSSY.items())) | ROUGH
+    if name not in objects:
+        raise hg.InputError(f"object is {name!r}: give one of {', '.join(objects)}")
     random, gloss = np.random.default_rng([seed, list(objects).index(name)]), objects[name]
     camera = hg.Camera(size, size, (FOCAL, FOCAL), (size / 2, size / 2), name="simulated")
     camera = camera.look_at((0.0, 0.0, FOCAL * PIXEL), (0.0, 0.0, 0.0), up=(0.0, 1.0, 0.0))
