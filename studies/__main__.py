@@ -1,4 +1,8 @@
-"""Run studies by name: `python -m studies NAME...` from the root of the repository; without a name, list them."""
+"""Run studies by name: `python -m studies NAME...` from the root of the repository; without a name, list them.
+
+Options after one name are given to the first command of that study, behind its own; then nothing is copied into the
+documents: `python -m studies random-scenes --first 1000 --scenes 4`.
+"""
 
 from __future__ import annotations
 
@@ -15,34 +19,44 @@ from studies.table_of_studies import STUDIES, Study
 DEMO = ("-m", "hagoromo", "demo", "--out", "out/demo", "--force")
 
 
-def main(names: Sequence[str]) -> int:
-    """Run the studies `names` in turn; the exit status: that of the first that fails, 2 for an unknown name."""
-    if not names or set(names) & {"-h", "--help"}:
+def main(words: Sequence[str]) -> int:
+    """Run studies by their names, in turn, or one with options; the exit status: that of the first that fails,
+    2 for an unknown name.
+    """
+    count = next((k for k, word in enumerate(words) if word.startswith("-")), len(words))
+    names, options = words[:count], words[count:]
+    if not names and (not options or options[0] in ("-h", "--help")):
         print(listed())
         return 0
+    if options and len(names) != 1:
+        print(f"{options[0]} stands behind {len(names)} names: options are for one study", file=sys.stderr)
+        return 2
     unknown = [name for name in names if name not in STUDIES]
     if unknown:
         print(f"there is no study {unknown[0]!r}: give one of {', '.join(STUDIES)}", file=sys.stderr)
         return 2
-    return next((status for name in names if (status := run(STUDIES[name]))), 0)
+    return next((status for name in names if (status := run(STUDIES[name], options))), 0)
 
 
 def listed() -> str:
     """The studies, a line each: name, what it shows, how long it takes."""
     width = max(map(len, STUDIES))
     rows = (f"  {name:<{width}}  {study.shows} ({study.takes})" for name, study in STUDIES.items())
-    return "\n".join(("usage: python -m studies NAME...", *rows))
+    return "\n".join(("usage: python -m studies NAME... or python -m studies NAME OPTIONS", *rows))
 
 
-def run(study: Study) -> int:
-    """Run the commands of `study` and copy its results into the documents; the exit status of the first that fails."""
+def run(study: Study, options: Sequence[str] = ()) -> int:
+    """Run the commands of `study` and copy its results into the documents, or its first command with `options`; the
+    exit status of the first that fails.
+    """
     one_thread = {"OPENBLAS_NUM_THREADS": "1", **os.environ}  # two processes with two threads each wait for each other
     demo = (DEMO,) if study.needs_demo and not Path("out/demo/measure").exists() else ()
-    for arguments in (*demo, *study.runs):
+    runs = ((*study.runs[0], *options),) if options else study.runs
+    for arguments in (*demo, *runs):
         status = subprocess.run([sys.executable, *arguments], env=one_thread, check=False).returncode
         if status:
             return status
-    for pattern, target in study.copies:
+    for pattern, target in () if options else study.copies:
         for source in sorted(glob.glob(pattern)):
             Path(target if Path(target).suffix else f"{target}/").parent.mkdir(parents=True, exist_ok=True)
             shutil.copy(source, target)

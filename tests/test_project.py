@@ -58,6 +58,17 @@ def test_a_name_that_is_no_study_ends_in_a_line_and_status_2(capsys):
     assert all(f"  {name} " in listed for name in STUDIES)
 
 
+def test_options_behind_one_name_go_to_the_first_command_of_a_study(capfd, monkeypatch):
+    """Behind its own, and no document is changed; behind two names, or none, they end in a line."""
+    monkeypatch.chdir(ROOT)
+    study = next(name for name, study in STUDIES.items() if study.copies and not study.needs_demo)
+    assert main([study, "--help"]) == 0
+    said = capfd.readouterr()
+    assert "usage: " in said.out and "--out" in said.out and " -> docs" not in said.out
+    assert main([study, "lamps", "--force"]) == main(["--force"]) == 2
+    assert "--force stands behind 2 names" in (said := capfd.readouterr().err) and "behind 0 names" in said
+
+
 def test_a_name_of_a_class_has_one_meaning():
     """In the packages, the studies, the benchmarks and the tests alike."""
     places: dict[str, list[str]] = {}
