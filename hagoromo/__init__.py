@@ -3,7 +3,8 @@
     photographs ─develop→ Photograph ─calibrate→ Camera, Lamps ─measure→ Reflectance ─build→ VolumeBox ─render→ Image
 
 `__init__.pyi` lists the public names in this order; each is loaded when it is first used. Those of packages beside the
-core (`hagoromo_formats`, `hagoromo_page`, `hagoromo_matter`) are entry points of the group `hagoromo.names`.
+core (`hagoromo_recovery`, `hagoromo_campaigns`, `hagoromo_page`, `hagoromo_formats`, `hagoromo_matter`) are entry
+points of the group `hagoromo.names`.
 """
 
 import ast

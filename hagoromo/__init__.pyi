@@ -160,17 +160,6 @@ from .image.relight.prediction import Prediction as Prediction
 from .image.relight.relighting import Relighting as Relighting
 from .image.relight.relight import relight as relight
 
-# A box from photographs of many views
-from .recovery.recovered import Recovered as Recovered, RecoveredMesh as RecoveredMesh, Score as Score
-from .recovery.errors import Errors as Errors
-from .recovery.evidence import Evidence as Evidence
-from .recovery.recover import RecoverySettings as RecoverySettings, recover as recover
-
-# Two measurements of one object, at two dates
-from .campaigns.change import Change as Change, CommonChange as CommonChange, change as change
-from .campaigns.region import ChangedRegion as ChangedRegion
-from .campaigns.cross_section import CrossSection as CrossSection
-
 # Many captures, many machines
 from .cluster.connection import TrustedScheduler as TrustedScheduler
 from .app.batch.batch import batch as batch
@@ -184,6 +173,17 @@ from .app.progress_bar import progress_bar as progress_bar
 
 # What the packages beside the core add: for type checkers. When the program runs, they are found by the entry points of
 # the group hagoromo.names.
+
+# A box from photographs of many views
+from hagoromo_recovery.recovered import Recovered as Recovered, RecoveredMesh as RecoveredMesh, Score as Score
+from hagoromo_recovery.errors import Errors as Errors
+from hagoromo_recovery.evidence import Evidence as Evidence
+from hagoromo_recovery.recover import RecoverySettings as RecoverySettings, recover as recover
+
+# Two measurements of one object, at two dates
+from hagoromo_campaigns.change import Change as Change, CommonChange as CommonChange, change as change
+from hagoromo_campaigns.region import ChangedRegion as ChangedRegion
+from hagoromo_campaigns.cross_section import CrossSection as CrossSection
 
 # Files of other programs
 from hagoromo_formats.convert import ConvertOptions as ConvertOptions, convert as convert

@@ -16,10 +16,10 @@ import hagoromo as hg
 from hagoromo.backend import vectors
 from hagoromo.camera.response import camera_white
 from hagoromo.image.relight.stage import basis_camera
-from hagoromo.recovery.choices import MatterChoice
-from hagoromo.recovery.fuzzy_shape import FuzzyShape
-from hagoromo.recovery.lattice import Lattice
-from hagoromo.recovery.shading import coordinates
+from hagoromo_recovery.choices import MatterChoice
+from hagoromo_recovery.fuzzy_shape import FuzzyShape
+from hagoromo_recovery.outline.lattice import Lattice
+from hagoromo_recovery.shading.shading import coordinates
 from studies.fuzzy_scenes import down, down_colours, feather, fur, fuzzy_simulated, linen, skin
 from studies.recover_scenes import Simulated, shots
 from studies.recovery_scores import box_psnr, covered, gloss_held, psnr, surface_errors

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 import hagoromo as hg
 from hagoromo.backend import arrays, vectors
-from hagoromo.recovery.choices import GlossChoice
+from hagoromo_recovery.choices import GlossChoice
 from studies.fuzzy_recovery import FAR, NEAR, SEED
 from studies.recover_scenes import Simulated, TrueObject, shots, simulated
 from studies.recovery_scores import TWO_SIDED, box_psnr, places, psnr, shape_errors

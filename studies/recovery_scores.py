@@ -14,9 +14,9 @@ from scipy.spatial import KDTree
 import hagoromo as hg
 from hagoromo.backend import vectors
 from hagoromo.image.relight.stage import basis_camera
-from hagoromo.recovery.distance_field import DistanceField
-from hagoromo.recovery.export import conserving
-from hagoromo.recovery.near_surface import on_surface
+from hagoromo_recovery.export import conserving
+from hagoromo_recovery.field.distance_field import DistanceField
+from hagoromo_recovery.field.near_surface import on_surface
 from studies.recover_scenes import Simulated
 
 Array = NDArray[np.float64]

@@ -16,7 +16,7 @@ from scipy import ndimage
 import hagoromo as hg
 from hagoromo.files.png import write_png
 from hagoromo.matter import shape as sd
-from hagoromo.recovery.hull import signed_distance
+from hagoromo_recovery.outline.hull import signed_distance
 from studies.recover_scenes import DISTANCE, Shots, Simulated, TrueObject, around, photograph_of
 
 Array = NDArray[np.float64]

@@ -17,7 +17,14 @@ from mkdocs.exceptions import PluginError
 from mkdocs.structure.files import File
 
 ROOT = Path(__file__).parents[2]
-PACKAGES = ("hagoromo", "hagoromo_page", "hagoromo_formats", "hagoromo_matter")
+PACKAGES = (
+    "hagoromo",
+    "hagoromo_recovery",
+    "hagoromo_campaigns",
+    "hagoromo_page",
+    "hagoromo_formats",
+    "hagoromo_matter",
+)
 SECTION = "API"  # entry of the navigation that the pages stand under
 OPTIONS = "    options:\n      heading_level: 2\n"
 

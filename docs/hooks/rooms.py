@@ -107,8 +107,9 @@ def rooms() -> list[Room]:
     """The packages beside the core, then its rooms from the commands down, with their sizes."""
     with (ROOT / "pyproject.toml").open("rb") as file:
         contracts = tomllib.load(file)["tool"]["importlinter"]["contracts"]
-    layers = [layer for contract in reversed(contracts) for layer in contract["layers"] if layer != "hagoromo"]
-    return [_room(name.strip(), k) for k, layer in enumerate(layers) for name in layer.split("|")]
+    layers = [layer for contract in reversed(contracts) for layer in contract["layers"]]
+    whole = [layer for layer in layers if layer != "hagoromo" and "." not in layer]  # not parts of a room
+    return [_room(name.strip(), k) for k, layer in enumerate(whole) for name in layer.split("|")]
 
 
 def imports() -> Counter[tuple[str, str]]:

@@ -26,11 +26,9 @@ import hagoromo as hg
 from hagoromo.app import batch_verb as batch_verb
 from hagoromo.app import cache_verb as cache_verb
 from hagoromo.app import capture_verb as capture_verb
-from hagoromo.app import change_verb as change_verb
 from hagoromo.app import health_verb as health_verb
 from hagoromo.app import inspection_verbs as inspection_verbs
 from hagoromo.app import recipes_verb as recipes_verb
-from hagoromo.app import recover_verb as recover_verb
 from hagoromo.app import spectra_verb as spectra_verb
 from hagoromo.app.build_verb import build
 from hagoromo.app.calibrations import calibrations

@@ -39,7 +39,14 @@ NAME = re.compile(r"[0-9a-f]{64}")
 LONGEST_NOTE = 4096  # bytes
 WAIT_S, POLL_S = 5.0, 0.05  # for another process, then whether there are locks is asked again
 PACKAGES = ("drjit", "mitsuba", "numpy", "scipy")  # whose versions may change the bits of a result
-SOURCES = ("hagoromo", "hagoromo_formats", "hagoromo_matter", "hagoromo_page")
+SOURCES = (
+    "hagoromo",
+    "hagoromo_campaigns",
+    "hagoromo_formats",
+    "hagoromo_matter",
+    "hagoromo_page",
+    "hagoromo_recovery",
+)
 
 Value = TypeVar("Value")
 

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.campaigns.change import WORDS, Change, CommonChange
-from hagoromo.campaigns.change_files import section_figure
-from hagoromo.campaigns.quantity import Quantity
-from hagoromo.campaigns.region import ChangedRegion
 from hagoromo.files.plot import nice, panels, svg_text
 from hagoromo.light.colour import srgb_encode
+from hagoromo_campaigns.change import WORDS, Change, CommonChange
+from hagoromo_campaigns.change_files import section_figure
+from hagoromo_campaigns.quantity import Quantity
+from hagoromo_campaigns.region import ChangedRegion
 from hagoromo_page.report.display import exposure
 from hagoromo_page.report.page import page_drawing, page_picture, thousands, write_page
 from hagoromo_page.report.report_pictures import around, rasterised

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from hagoromo.files.plot import nice
 from hagoromo.light.colour import delta_e_2000, srgb_encode
 from hagoromo.photograph.photograph import Photograph
-from hagoromo.recovery.mixed_gloss import mixed_gloss
-from hagoromo.recovery.object_view import ObjectView
-from hagoromo.recovery.recovered import Recovered
 from hagoromo_page.report.page import page_picture, write_page
 from hagoromo_page.report.report_pictures import around, map_picture
+from hagoromo_recovery.outline.object_view import ObjectView
+from hagoromo_recovery.recovered import Recovered
+from hagoromo_recovery.shading.mixed_gloss import mixed_gloss
 
 MOST_SHOWN = 6  # photographs kept aside that the page shows
 VIEWS = 4  # photographs whose normals the page shows

@@ -25,7 +25,15 @@ from hagoromo_start.caches import find_caches
 from tests.app.imitated_windows import MODULES, NAMES
 
 ROOT = Path(__file__).parents[2]
-PACKAGES = ("hagoromo", "hagoromo_formats", "hagoromo_matter", "hagoromo_page", "hagoromo_start")
+PACKAGES = (
+    "hagoromo",
+    "hagoromo_campaigns",
+    "hagoromo_formats",
+    "hagoromo_matter",
+    "hagoromo_page",
+    "hagoromo_recovery",
+    "hagoromo_start",
+)
 WRITTEN = (*PACKAGES, "studies", "benchmarks", "examples", "docs/hooks")  # where text files are read and written
 WORDS = re.compile(rf"\b({'|'.join(sorted(MODULES.union(*NAMES.values())))})\b")  # a file without any is not parsed
 OPENED = re.compile(r"open\(|read_text\(|write_text\(")

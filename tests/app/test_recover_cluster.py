@@ -9,7 +9,7 @@ import pytest
 
 import hagoromo as hg
 from hagoromo.app.cli import main
-from hagoromo.recovery import recover as recovering
+from hagoromo_recovery import recover as recovering
 from studies.fuzzy_scenes import down, fuzzy_simulated
 from studies.recover_scenes import TrueObject, shots, simulated
 

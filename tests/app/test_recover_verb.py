@@ -51,7 +51,7 @@ def test_a_box_is_a_scene_for_render(written, tmp_path):
 
 
 def test_an_interrupt_writes_what_there_is_and_says_so(capture, tmp_path, monkeypatch, capsys):
-    from hagoromo.recovery.descent import Descent
+    from hagoromo_recovery.descent.descent import Descent
 
     def interrupted(*arguments):
         raise KeyboardInterrupt
@@ -68,7 +68,7 @@ def test_an_interrupt_writes_what_there_is_and_says_so(capture, tmp_path, monkey
 def test_work_goes_on_where_it_was_interrupted(capture, tmp_path, monkeypatch, capsys):
     out, many = tmp_path / "part.zarr", ["--side", "16", "--steps", "40", "--no-errors"]
     with monkeypatch.context() as patch:
-        from hagoromo.recovery.descent import Descent
+        from hagoromo_recovery.descent.descent import Descent
 
         patch.setattr(Descent, "choose", interrupting(Descent.choose, 2))
         assert main(["recover", str(capture), "--out", str(out), *many]) == 130

@@ -45,21 +45,21 @@ INSIDE = {  # modules of the package that a study takes apart, and why no public
     "recovery_scores.py": {
         "backend",
         "image.relight.stage",
-        "recovery.distance_field",
-        "recovery.export",
-        "recovery.near_surface",
+        "hagoromo_recovery.field.distance_field",
+        "hagoromo_recovery.export",
+        "hagoromo_recovery.field.near_surface",
     },
     # β and γ that differ from place to place
-    "gloss_recovery.py": {"backend", "recovery.choices"},
+    "gloss_recovery.py": {"backend", "hagoromo_recovery.choices"},
     # the surface that stands for a box whose fibres are known
     "fuzzy_recovery.py": {
         "backend",
         "camera.response",
         "image.relight.stage",
-        "recovery.choices",
-        "recovery.fuzzy_shape",
-        "recovery.lattice",
-        "recovery.shading",
+        "hagoromo_recovery.choices",
+        "hagoromo_recovery.fuzzy_shape",
+        "hagoromo_recovery.outline.lattice",
+        "hagoromo_recovery.shading.shading",
     },
     # meshes in Mitsuba's own path tracer
     "path_scenes.py": {"backend"},
@@ -77,7 +77,7 @@ INSIDE = {  # modules of the package that a study takes apart, and why no public
     # a pattern on a table, at any point in space, and JPEG files as cameras write them
     "all_around.py": {"backend", "light.colour", "matter"},
     # forms at any point in space, masks that are some pixels off, and files of 8 and 16 bits
-    "strange_captures.py": {"files.png", "matter", "recovery.hull"},
+    "strange_captures.py": {"files.png", "matter", "hagoromo_recovery.outline.hull"},
     "recover_strangers.py": {"backend"},
     # forms and colours at any point in space, and pictures of what was found
     "drawn_objects.py": {"matter"},
@@ -149,10 +149,11 @@ INSIDE = {  # modules of the package that a study takes apart, and why no public
 }
 
 TYPES = "image.scene.modes"  # of choices, for type checkers
+OTHERS = ("hagoromo_campaigns", "hagoromo_recovery")
 
 
 def modules(path: Path) -> set[str]:
-    """The modules of the core that a file imports, without the package's name; "" for the package itself."""
+    """The modules that a file imports: of the core without its name ("" for the core itself), and of OTHERS."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
     names = {alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names}
     for node in ast.walk(tree):
@@ -160,7 +161,8 @@ def modules(path: Path) -> set[str]:
             names |= {f"hagoromo.{alias.name}" for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
             names.add(node.module or "")
-    return {name.partition(".")[2] for name in names if name.split(".")[0] == "hagoromo"}
+    core = {name.partition(".")[2] for name in names if name.split(".")[0] == "hagoromo"}
+    return core | {name for name in names if name.split(".")[0] in OTHERS}
 
 
 @pytest.mark.parametrize("name", FILES)

@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 
 from hagoromo.backend import arrays, evaluate
-from hagoromo.recovery.density_field import DensityField
-from hagoromo.recovery.fuzzy_march import FuzzyMarch
-from hagoromo.recovery.fuzzy_shape import clearest_way_out
-from hagoromo.recovery.matter_field import COLOURS
-from hagoromo.recovery.matter_march import LatticeRays
 from hagoromo.reflectance.element import element_weights
+from hagoromo_recovery.field.density_field import DensityField
+from hagoromo_recovery.field.fuzzy_march import FuzzyMarch
+from hagoromo_recovery.field.matter_field import COLOURS
+from hagoromo_recovery.field.matter_march import LatticeRays
+from hagoromo_recovery.fuzzy_shape import clearest_way_out
 from tests.gradients.march_loss import add_gradients, column, loss
 
 SHAPE, RAYS = (17, 18, 19), 300
@@ -56,9 +56,9 @@ def scene():
     field = DensityField(*ball())
     with pytest.MonkeyPatch.context() as patch:  # what is left out is less, so that differences do not jump with it
         patch.setattr(FuzzyMarch, "share_of", lambda march, piece: 0.5)  # its derivative is that of held places
-        patch.setattr("hagoromo.recovery.fuzzy_march.LEAST_DEPTH", 1e-7)
+        patch.setattr("hagoromo_recovery.field.fuzzy_march.LEAST_DEPTH", 1e-7)
         for march in ("fuzzy_march", "matter_march"):
-            patch.setattr(f"hagoromo.recovery.{march}.LAST_DEPTH", 14.0)
+            patch.setattr(f"hagoromo_recovery.{march}.LAST_DEPTH", 14.0)
         aside = random.uniform(-6.0, 6.0, (2, RAYS)) + 8.5
         origin = jit.Array3f(column(aside[0]), column(np.full(RAYS, 1.6)), column(aside[1]))
         way = jit.Array3f(column(random.normal(0, 0.1, RAYS)), column(np.ones(RAYS)), column(np.zeros(RAYS)))

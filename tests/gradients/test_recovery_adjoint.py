@@ -6,16 +6,16 @@ import pytest
 
 import hagoromo as hg
 from hagoromo.backend import arrays, evaluate
-from hagoromo.recovery.distance_field import DistanceField
-from hagoromo.recovery.lamp_table import LampTable
-from hagoromo.recovery.lattice import Lattice
-from hagoromo.recovery.matter_field import COLOURS
-from hagoromo.recovery.matter_march import LatticeRays
-from hagoromo.recovery.shading import NodeShading, coordinates, faded, two_glosses
-from hagoromo.recovery.surface_march import SurfaceMarch, depth_between, share_of
-from hagoromo.recovery.surface_moves import BENDING, EIKONAL, smoothness_slope
-from hagoromo.recovery.unknown_light import TERMS, UnknownLight
 from hagoromo.reflectance.torrance_sparrow import torrance_sparrow
+from hagoromo_recovery.field.distance_field import DistanceField
+from hagoromo_recovery.field.matter_field import COLOURS
+from hagoromo_recovery.field.matter_march import LatticeRays
+from hagoromo_recovery.field.surface_march import SurfaceMarch, depth_between, share_of
+from hagoromo_recovery.field.surface_moves import BENDING, EIKONAL, smoothness_slope
+from hagoromo_recovery.outline.lattice import Lattice
+from hagoromo_recovery.shading.lamp_table import LampTable
+from hagoromo_recovery.shading.shading import NodeShading, coordinates, faded, two_glosses
+from hagoromo_recovery.shading.unknown_light import TERMS, UnknownLight
 from tests.gradients.march_loss import add_gradients, column, loss
 
 SIDE, RAYS = 20, 400
@@ -68,9 +68,9 @@ def even_steps():
 
     What is left out, thin pieces and the end of a ray, is less, so that a difference does not jump with it.
     """
-    march = "hagoromo.recovery.matter_march"
+    march = "hagoromo_recovery.field.matter_march"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("hagoromo.recovery.surface_march.step_length", lambda distance, inverse: 0.7)
+        patch.setattr("hagoromo_recovery.field.surface_march.step_length", lambda distance, inverse: 0.7)
         patch.setattr(f"{march}.LEAST_DEPTH", 1e-7)
         patch.setattr(f"{march}.LAST_DEPTH", 14.0)
         yield

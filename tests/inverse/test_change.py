@@ -11,10 +11,10 @@ import pytest
 import hagoromo as hg
 from hagoromo.app.cli import main
 from hagoromo.camera.pose import pose_of, turned_about_axes
-from hagoromo.campaigns.significance import WIDTHS
 from hagoromo.files.exr import read_exr
 from hagoromo.light.colour import delta_e_2000
 from hagoromo.measurement.photographed import Photographed
+from hagoromo_campaigns.significance import WIDTHS
 from tests.inverse.simulated_relief import SimulatedRelief, dome, relief_camera, relief_capture, relief_measurement
 
 SIZE = 48

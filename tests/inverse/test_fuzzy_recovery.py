@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import hagoromo as hg
-from hagoromo.recovery.export import conserving
-from hagoromo.recovery.fuzzy_moves import LEAST
+from hagoromo_recovery.export import conserving
+from hagoromo_recovery.field.fuzzy_moves import LEAST
 from studies.fuzzy_scenes import down, fuzzy_simulated
 from studies.recover_scenes import TrueObject, shots, simulated
 from studies.recovery import psnr

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from hagoromo.recovery.errors import Errors
-from hagoromo.recovery.evidence import Evidence, _in_its_place
-from hagoromo.recovery.gloss_step import Slopes
-from hagoromo.recovery.shading import coordinates, two_glosses
+from hagoromo_recovery.descent.gloss_step import Slopes
+from hagoromo_recovery.errors import Errors
+from hagoromo_recovery.evidence import Evidence, _in_its_place
+from hagoromo_recovery.shading.shading import coordinates, two_glosses
 
 GLOSS = coordinates(0.5, 0.2, 1.5)
 SHAPE = 3, 4, 5

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import hagoromo as hg
-from hagoromo.recovery.gloss_step import Slopes
-from hagoromo.recovery.mixed_gloss import mixed_gloss
-from hagoromo.recovery.share_step import SHARE_EVENNESS, SLOW, ShareSteps
 from hagoromo.reflectance.facets import facet_density_at
+from hagoromo_recovery.descent.gloss_step import Slopes
+from hagoromo_recovery.descent.share_step import SHARE_EVENNESS, SLOW, ShareSteps
+from hagoromo_recovery.shading.mixed_gloss import mixed_gloss
 from studies.gloss_recovery import Glaze, halves
 from studies.recover_scenes import TrueObject, shots, simulated
 from studies.recovery_scores import box_psnr, psnr

@@ -6,12 +6,12 @@ import pytest
 
 import hagoromo as hg
 from hagoromo.backend import vectors
-from hagoromo.recovery.hollows import FoundHollow, hollowed
-from hagoromo.recovery.lattice import Lattice
-from hagoromo.recovery.levels import Levels
-from hagoromo.recovery.near_surface import THICK
-from hagoromo.recovery.shading import START, coordinates
-from hagoromo.recovery.surface_shape import SurfaceShape
+from hagoromo_recovery.field.near_surface import THICK
+from hagoromo_recovery.hollows import FoundHollow, hollowed
+from hagoromo_recovery.levels import Levels
+from hagoromo_recovery.outline.lattice import Lattice
+from hagoromo_recovery.shading.shading import START, coordinates
+from hagoromo_recovery.surface_shape import SurfaceShape
 from studies.recover_scenes import shots, simulated
 from studies.recovery_scores import shape_errors
 from studies.strange_captures import Bowl
@@ -84,7 +84,7 @@ def test_the_hollow_that_was_found_is_in_the_record_also_after_an_interrupt(monk
     """A trial that leaves half of what the dent leaves."""
     monkeypatch.setattr(Levels, "_hollows", lambda levels, begin: {WALL: begin})
     left = iter([1.0, 0.5])
-    monkeypatch.setattr("hagoromo.recovery.levels.left_over", lambda descent: next(left))
+    monkeypatch.setattr("hagoromo_recovery.levels.left_over", lambda descent: next(left))
 
     def stop(share, step=""):
         if share > 0.95:

@@ -9,12 +9,12 @@ import pytest
 import hagoromo as hg
 from hagoromo.backend import arrays
 from hagoromo.matter import shape as sd
-from hagoromo.recovery.lamp_table import LampTable
-from hagoromo.recovery.lattice import Lattice
-from hagoromo.recovery.light_between import arriving, light_between, sky_of
-from hagoromo.recovery.rendering import Rendering
-from hagoromo.recovery.shading import START, NodeShading, coordinates, matt
-from hagoromo.recovery.surface_shape import SurfaceShape
+from hagoromo_recovery.descent.light_between import arriving, light_between, sky_of
+from hagoromo_recovery.descent.rendering import Rendering
+from hagoromo_recovery.outline.lattice import Lattice
+from hagoromo_recovery.shading.lamp_table import LampTable
+from hagoromo_recovery.shading.shading import START, NodeShading, coordinates, matt
+from hagoromo_recovery.surface_shape import SurfaceShape
 from studies.path_scenes import path_simulated, shape_mesh
 from studies.recover_scenes import shots, simulated
 from studies.recovery_scores import psnr

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import hagoromo as hg
-from hagoromo.recovery.mask_offset import mask_offset, with_masks_moved, without_mixed_pixels
-from hagoromo.recovery.silhouettes import views_of
+from hagoromo_recovery.outline.mask_offset import mask_offset, with_masks_moved, without_mixed_pixels
+from hagoromo_recovery.outline.silhouettes import views_of
 from studies.recover_scenes import TrueObject, shots, simulated
 from studies.strange_captures import Cube, ThinPlate, behind, dark, even, masks_moved, textured
 

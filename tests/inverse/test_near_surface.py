@@ -9,21 +9,21 @@ import hagoromo as hg
 from hagoromo.backend import arrays, vectors
 from hagoromo.image.relight.stage import basis_camera
 from hagoromo.matter import shape as sd
-from hagoromo.recovery.distance_field import DistanceField
-from hagoromo.recovery.errors import errors_of
-from hagoromo.recovery.evidence import Evidence
-from hagoromo.recovery.lattice import Lattice
-from hagoromo.recovery.levels import Levels
-from hagoromo.recovery.light_between import share_between
-from hagoromo.recovery.look import FoundLook
-from hagoromo.recovery.near_surface import NearSurface, on_surface
-from hagoromo.recovery.object_sky import ObjectSky, Unlit
-from hagoromo.recovery.object_view import ObjectView
-from hagoromo.recovery.pixel_table import PixelTable, blurred
-from hagoromo.recovery.shading import START, coordinates
-from hagoromo.recovery.silhouettes import views_of
-from hagoromo.recovery.surface_march import SurfaceMarch
-from hagoromo.recovery.surface_shape import SurfaceShape
+from hagoromo_recovery.descent.light_between import share_between
+from hagoromo_recovery.descent.look import FoundLook
+from hagoromo_recovery.descent.pixel_table import PixelTable, blurred
+from hagoromo_recovery.errors import errors_of
+from hagoromo_recovery.evidence import Evidence
+from hagoromo_recovery.field.distance_field import DistanceField
+from hagoromo_recovery.field.near_surface import NearSurface, on_surface
+from hagoromo_recovery.field.object_sky import ObjectSky, Unlit
+from hagoromo_recovery.field.surface_march import SurfaceMarch
+from hagoromo_recovery.levels import Levels
+from hagoromo_recovery.outline.lattice import Lattice
+from hagoromo_recovery.outline.object_view import ObjectView
+from hagoromo_recovery.outline.silhouettes import views_of
+from hagoromo_recovery.shading.shading import START, coordinates
+from hagoromo_recovery.surface_shape import SurfaceShape
 from studies.recover_scenes import TrueObject, shots, simulated
 from studies.strange_captures import Bowl, ThinPlate
 

@@ -8,16 +8,16 @@ import pytest
 
 import hagoromo as hg
 from hagoromo.image.relight.stage import basis_camera
-from hagoromo.recovery.errors import errors_of
-from hagoromo.recovery.evidence import Evidence
-from hagoromo.recovery.export import conserving
-from hagoromo.recovery.lamp_places import LampPlaces
-from hagoromo.recovery.levels import sides_of
-from hagoromo.recovery.near_surface import NEAR
-from hagoromo.recovery.recover import halves_of
-from hagoromo.recovery.recovered import score
-from hagoromo.recovery.silhouettes import views_of
-from hagoromo.recovery.surface_shape import SurfaceShape
+from hagoromo_recovery.descent.lamp_places import LampPlaces
+from hagoromo_recovery.errors import errors_of
+from hagoromo_recovery.evidence import Evidence
+from hagoromo_recovery.export import conserving
+from hagoromo_recovery.field.near_surface import NEAR
+from hagoromo_recovery.levels import sides_of
+from hagoromo_recovery.outline.silhouettes import views_of
+from hagoromo_recovery.recover import halves_of
+from hagoromo_recovery.recovered import score
+from hagoromo_recovery.surface_shape import SurfaceShape
 from studies.recover_scenes import Shots, TrueObject, aligned, around, misplaced, misstated, shots, simulated, standing
 from studies.recovery import places_off, strengths_off
 from studies.recovery_scores import seen_angles

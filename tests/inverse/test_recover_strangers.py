@@ -69,7 +69,7 @@ def test_a_photograph_of_another_object_is_named(taken):
 
 
 def test_poses_of_all_that_are_wrong_are_said(taken, monkeypatch):
-    from hagoromo.recovery import recover
+    from hagoromo_recovery import recover
 
     class Begun(Exception):
         pass

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from hagoromo.recovery.agreement import UNCOVERED, Shadow, misses_of
-from hagoromo.recovery.explained import Explained, said_of
-from hagoromo.recovery.hull import ALLOWED, box_of, hull_distance, outlines_of
-from hagoromo.recovery.lattice import Lattice
-from hagoromo.recovery.silhouettes import bright_of, views_of
+from hagoromo_recovery.explained import Explained, said_of
+from hagoromo_recovery.outline.agreement import UNCOVERED, Shadow, misses_of
+from hagoromo_recovery.outline.hull import ALLOWED, box_of, hull_distance, outlines_of
+from hagoromo_recovery.outline.lattice import Lattice
+from hagoromo_recovery.outline.silhouettes import bright_of, views_of
 from studies.drawn_objects import without_masks
 from studies.recover_scenes import TrueObject, shots, simulated
 

@@ -8,11 +8,11 @@ import pytest
 
 import hagoromo as hg
 from hagoromo.backend import arrays
-from hagoromo.recovery.lattice import Lattice
-from hagoromo.recovery.object_view import ObjectView
-from hagoromo.recovery.pixel_table import UNLIT_ERROR, PixelTable
-from hagoromo.recovery.recovered import score
-from hagoromo.recovery.unknown_light import BANDS, TERMS, UnknownLight, harmonics, within_bounds
+from hagoromo_recovery.descent.pixel_table import UNLIT_ERROR, PixelTable
+from hagoromo_recovery.outline.lattice import Lattice
+from hagoromo_recovery.outline.object_view import ObjectView
+from hagoromo_recovery.recovered import score
+from hagoromo_recovery.shading.unknown_light import BANDS, TERMS, UnknownLight, harmonics, within_bounds
 from studies.recover_scenes import Shots, TrueObject, around, simulated
 
 SETTINGS = hg.RecoverySettings(side=32, steps=60, rays=1 << 13, keep=8)

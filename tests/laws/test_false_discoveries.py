@@ -5,8 +5,8 @@ import pytest
 from scipy.ndimage import gaussian_filter
 from scipy.stats import binom, false_discovery_control
 
-from hagoromo.campaigns.significance import false_discovery_threshold, significant
-from hagoromo.campaigns.trend import trend
+from hagoromo_campaigns.significance import false_discovery_threshold, significant
+from hagoromo_campaigns.trend import trend
 
 SHAPE = (61, 53)
 RATE = 0.05
