@@ -25,7 +25,7 @@ FLOW = (  # what is drawn: noun, what it is, the verb that makes the next one, t
     ("VolumeBox", "density, axis, material", "render", "image"),
     ("Image", "geometric weights", "", ""),
 )
-ROW, LEFT, WIDTH, LETTERS = 48, 205, 900, 78
+ROW, LEFT, WIDTH, LETTERS = 48, 205, 900, 75
 INK, PAPER, LINE = "currentColor", "var(--md-default-bg-color)", "var(--md-primary-fg-color)"
 
 
@@ -87,7 +87,7 @@ def rooms_and_imports() -> str:
     for (importer, imported), count in sorted(imports().items()):
         if imported not in used_by_all:
             a, b = place[importer] + 19, place[imported] + 19
-            reach = LEFT - 12 - 19 * abs(b - a) / ROW
+            reach = LEFT - 12 - 16 * abs(b - a) / ROW
             parts.append(
                 f'<path d="M{LEFT} {a} C{reach} {a} {reach} {b} {LEFT - 3} {b}" fill="none" stroke="{LINE}" '
                 f'stroke-width="{min(0.6 + 0.12 * count, 4):.1f}" opacity="0.6" marker-end="url(#head)">'
@@ -95,11 +95,11 @@ def rooms_and_imports() -> str:
             )
     for room in order:
         y, size = place[room.name], f"{room.files} file{'s' * (room.files > 1)}, {room.lines:,} lines"
-        parts.append(_box(LEFT, y, 150, 38) + _text(LEFT + 75, y + 17, f"{room.name}/", "bold"))
-        parts.append(_text(LEFT + 75, y + 32, size, "size"))
+        parts.append(_box(LEFT, y, 170, 38) + _text(LEFT + 85, y + 17, f"{room.name}/", "bold"))
+        parts.append(_text(LEFT + 85, y + 32, size, "size"))
         summary = wrap(room.summary, LETTERS)[:2]
         first = y + 24 - 8 * (len(summary) - 1)
-        parts += [_text(LEFT + 162, first + 16 * k, line, "left") for k, line in enumerate(summary)]
+        parts += [_text(LEFT + 182, first + 16 * k, line, "left") for k, line in enumerate(summary)]
     return _svg(WIDTH, 24 + ROW * len(order), parts, "Rooms of the package and what each imports")
 
 
