@@ -26,7 +26,9 @@ from hagoromo_recovery.work import Checkpoint
 COARSEST, LEAST = 32, 16  # nodes along the longest edge of the first level; and where it is the first of two
 FOOTPRINT = 2.5  # pixels of a voxel's edge, at least, that pixels are not joined for
 MODEL_ERROR, LAST_MODEL_ERROR = 0.02, 0.01  # relative error of the model, of coarse levels and of the last one
-SOFT, SHARP, LAST_SOFT, LAST_SHARP = 1.0, 0.15, 0.6, 0.1  # s at begin and end of a level, and of the last one [voxel]
+SOFT, SHARP = 1.0, 0.15  # s at begin and end of a coarse level [voxel]
+LAST_SOFT, LAST_SHARP = 2.0 * SHARP, 0.1  # of the last one: it goes on as sharp as the one before ended
+ONLY_SOFT = 0.6  # at begin of the last one where it is the only one, and starts from the hull
 # s at the end of the last level, where pixels are large [px]: the mean of a square pixel blurs an edge by 0.29 px, the
 # logistic function of width s by 1.8 s, and d rises by about 1.5 a voxel
 PIXEL_EDGE, SOFTEST = 0.24, 0.33  # and s at most [voxel]
@@ -189,14 +191,13 @@ class Levels:
         return max(1, int(self._footprint(lattice) / FOOTPRINT))
 
     def _softness(self, last: bool) -> tuple[float, float]:
-        """s at begin and end of a level [voxel]; a thin wall would melt in a soft one."""
+        """s at begin and end of a level [voxel]."""
         if not last:
             return SOFT, SHARP
         lattice = self.begin.lattice
         pixel = self._joined(lattice) / self._footprint(lattice)  # [voxel]
         end = float(np.clip(PIXEL_EDGE * pixel, LAST_SHARP, SOFTEST))
-        wall = np.inf if self.hollow is None else self.hollow.wall_m / lattice.voxel
-        return max(min(LAST_SOFT, SOFT_WALL * wall), end), end
+        return max(LAST_SOFT if len(self.sides) > 1 else ONLY_SOFT, end), end
 
     def _descent(self, begin: MatterShape, last: bool) -> Descent:
         """The descent of a level."""
@@ -212,7 +213,9 @@ class Levels:
         pixels = PixelTable(reduced, lattice, error, float(np.median(bright)), soft)
         field, seed = begin.field(), self.seed + max(lattice.shape)
         lamps = LampTable(photographs, lattice)
-        return Descent(field, pixels, lamps, begin.gloss, seed, self.shadows, self.look, self.workers, self.albedo)
+        made = Descent(field, pixels, lamps, begin.gloss, seed, self.shadows, self.look, self.workers, self.albedo)
+        made.moves.colour_rate = made.moves.colour_rates[int(last)]
+        return made
 
 
 def sides_of(finest: int) -> list[int]:

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from hagoromo.backend import Float, UInt, arrays, lookup
 from hagoromo_recovery.field.matter_field import COLOURS
 
-COLOUR_RATE = 0.06  # of a body colour, in a level's first step
 LEAST_COLOUR = 1e-4  # of a body colour
 EVENNESS = 30.0  # of the differences of body colours of neighbours, in units of a pixel's squared error: it decides
 # where pixels say nothing
@@ -41,13 +40,15 @@ class Adam:
 
 class MatterMoves(ABC):
     """The nodes of a field that move, and their steps. rates: of its values in the first step of the first level, which
-    starts from the hull, and of others. `choose` comes first.
+    starts from the hull, and of others. colour_rates: of body colours in the first step of a coarse level, and of the
+    last one; colour_rate: that of this level. `choose` comes first.
     """
 
     rates: tuple[float, float]
+    colour_rates = 0.06, 0.06
 
     def __init__(self, field: Any) -> None:
-        self.field = field
+        self.field, self.colour_rate = field, self.colour_rates[1]
 
     def choose(self) -> None:
         """Choose the nodes that move; their steps begin anew."""
@@ -74,7 +75,7 @@ class MatterMoves(ABC):
         for c in range(COLOURS):
             index = self.nodes * COLOURS + c
             slope = dr.gather(jit.Float, by_colours, index) + self.unevenness(field.colours, COLOURS, c, EVENNESS)
-            change = self.by_colours[c].step(slope, COLOUR_RATE * fall)
+            change = self.by_colours[c].step(slope, self.colour_rate * fall)
             new = dr.fmax(dr.gather(jit.Float, field.colours, index) - change, LEAST_COLOUR)
             dr.scatter(field.colours, new, index, mode=dr.ReduceMode.NoConflicts)
         dr.eval(field.colours)

@@ -25,6 +25,7 @@ class SurfaceMoves(MatterMoves):
 
     field: DistanceField
     rates = 0.08, 0.05  # [voxel]
+    colour_rates = 0.12, 0.06  # on coarse levels a surface moves to where colours that lag behind ask for it
 
     def choose(self) -> None:
         """Choose the nodes near the surface."""
