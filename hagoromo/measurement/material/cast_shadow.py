@@ -18,6 +18,8 @@ from hagoromo.measurement.sight import Array, sight_of
 from hagoromo.photograph.capture import Capture
 
 SHADOWED = 0.2  # of the value that the median of the photographs lets expect: below, a pixel lies in cast shadow
+MATTE = 0.35  # [rad] smallest φ above which a pixel shows more of its body than of its highlight
+WELL_LIT = 0.3  # of the light in the photograph that lights a pixel most: below, a grazing pixel may look too bright
 DUSK = 0.85  # of that value: below, a pixel that touches a shadow lies in its soft edge
 WIDEST = 12  # [px] width of a soft edge
 DULL = 25.0  # percentile of value over light within a material: a highlight makes the others of a pixel look dark
@@ -67,10 +69,14 @@ class PixelLight:
         return self.value + 3.0 * self.error < usual * self.light
 
     def darker_than_the_others(self, share: float = SHADOWED) -> NDArray[np.bool_]:
-        """(K, M) photographs that show a pixel darker than `share` of what the median of all shows."""
+        """(K, M) photographs that show a pixel darker than `share` of what the median of all shows, or of what the
+        brightest surely shows of its body: most of a few may lie in shadow.
+        """
+        sure = self.usable & (self.least_half_angle >= MATTE) & (self.light > WELL_LIT * self.light.max(axis=0))
+        body = np.where(sure, self.value - 3.0 * self.error, 0.0) / np.where(sure, self.light, 1.0)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # pixels that no photograph shows
-            return self.darker_than(share * np.nanmedian(self.ratio, axis=0))
+            return self.darker_than(share * np.fmax(np.nanmedian(self.ratio, axis=0), body.max(axis=0)))
 
 
 def without_cast_shadows(capture: Capture, labels: NDArray[np.integer]) -> tuple[Capture, NDArray[np.bool_]]:

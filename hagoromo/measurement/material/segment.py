@@ -12,13 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hagoromo.errors import InputError
-from hagoromo.measurement.material.cast_shadow import PixelLight
+from hagoromo.measurement.material.cast_shadow import MATTE, PixelLight
 from hagoromo.measurement.nearest import nearest_known
 from hagoromo.measurement.observations import Pixels, known_shape
 from hagoromo.measurement.sight import Array
 from hagoromo.photograph.capture import Capture
 
-MATTE = 0.35  # [rad] smallest φ above which a pixel shows more of its body than of its highlight
 SHARE_OF_ANGLE = 0.8  # of the largest φ of a pixel: photographs above it show its body
 SMALLEST_SHARE = 0.01  # smallest share of the pixels that a material may have
 FINEST = 0.004  # chromaticity, standard deviation of the smoothing: half a step of an 8-bit photograph
