@@ -12,7 +12,7 @@ import drjit as dr
 
 from hagoromo.backend import Array3f, Float, arrays, clip
 from hagoromo.recovery.matter_march import LAST_DEPTH, LatticeRays, MatterMarch, Piece
-from hagoromo.transport.medium import share_at_depth
+from hagoromo.transport.crossing import share_at_depth
 from hagoromo.transport.step_elements import centroid
 
 if TYPE_CHECKING:
