@@ -22,11 +22,11 @@ from dataclasses import dataclass, replace
 import drjit as dr
 
 from hagoromo.backend import Bool, Float, arrays
-from hagoromo.transport.crossing import Crossing, MarchInterval, Ray
+from hagoromo.transport.crossing import Crossing, MarchInterval, Ray, depth_share
 from hagoromo.transport.differentiable_medium import DifferentiableMedium
 from hagoromo.transport.lighting import Lighting
 from hagoromo.transport.march import OPAQUE_OPTICAL_DEPTH, radiance_from_sample
-from hagoromo.transport.medium import GAUSS_NODE, Limit, depth_share
+from hagoromo.transport.medium import GAUSS_NODE, Limit
 from hagoromo.transport.moving import Moving, Rays, on_ray
 from hagoromo.transport.shadows_back import LEAST_SHARE, ShadowsBack
 

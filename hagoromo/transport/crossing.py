@@ -261,3 +261,15 @@ def selected(mask: Bool, yes: Any, no: Any) -> Any:
     if not is_dataclass(yes):
         return dr.select(mask, yes, no)
     return type(yes)(*(selected(mask, getattr(yes, f.name), getattr(no, f.name)) for f in fields(yes)))
+
+
+def depth_share(share: Float, growth: Float) -> Float:
+    """Share of the optical depth of a step in front of a `share` 0…1 of its length, see `MarchInterval`."""
+    return dr.fma(growth * share, share - 1.0, share)
+
+
+def share_at_depth(share: Float, growth: Float) -> Float:
+    """The inverse of `depth_share`: share of the length by which a `share` of the optical depth is reached."""
+    at_begin = 1.0 - growth
+    root = dr.sqrt(dr.fmax(dr.fma(4.0 * growth, share, at_begin * at_begin), 0.0))
+    return dr.fmin(2.0 * share / dr.fmax(at_begin + root, 1e-9), 1.0)

@@ -12,8 +12,7 @@ from typing import Any
 import drjit as dr
 
 from hagoromo.backend import Float, Int, UInt, arrays, clip
-from hagoromo.transport.crossing import Crossing, MarchInterval, MarchState, selected
-from hagoromo.transport.medium import depth_share
+from hagoromo.transport.crossing import Crossing, MarchInterval, MarchState, depth_share, selected
 
 
 @dataclass

@@ -9,16 +9,17 @@ then stands for all matter behind it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import drjit as dr
 
 from hagoromo.backend import Array3f, Bool, Float, UInt, arrays, clip
 from hagoromo.transport.crossing import Cone, Crossing, MarchInterval, MarchState, selected
 from hagoromo.transport.intervals import Interval, boxes_at, depth_at, in_slot, nothing_open, opened, put
+from hagoromo.transport.joined_steps import JoinedSteps, joined_with, none_joined
 from hagoromo.transport.lighting import Lighting
-from hagoromo.transport.medium import Limit, Medium, share_at_depth
-from hagoromo.transport.step_elements import PLACES, centroid, elements_along, elements_of_parts, mean_of_decay
+from hagoromo.transport.medium import Limit, Medium
+from hagoromo.transport.step_elements import PLACES, elements_along, elements_of_parts, mean_of_decay
 
 END_TRANSMITTANCE = 1e-2  # a ray ends below this transmittance, at DEFAULT_TOLERANCE
 OPAQUE_OPTICAL_DEPTH = 16.0  # a shadow ray ends beyond this optical depth: exp(−16) = 1e-7
@@ -29,6 +30,7 @@ STEEPER = 4.0  # largest rate within a step, over the lesser one to its neighbou
 FIRST_RATE = 3.0  # rate of light that steps are made for behind the first sample, where none is known yet
 FIRST_STEP = 0.5  # of the deepest step: the first one in matter
 LARGEST_RATE = 30.0  # of light that steps are made for: that of a lamp 2° above a face
+MOST_JOINED = 0.3  # of the deepest step: steps of more have a sample, however little of their light reaches the eye
 SLOW_RATE = 0.4  # a step may be 1 / (SLOW_RATE (1 + rate)) of the deepest one
 
 
@@ -139,38 +141,29 @@ def march(
     deepest = last_depth(medium)
     # Dr.Jit does not differentiate loops within loops
     together = not (medium.differentiable or lighting.tracked or dr.grad_enabled(origin, direction))
+    joined = none_joined(count) if together and medium.joined else None
     while dr.hint(crossing.unfinished(state) & (depth < deepest), exclude=[deepest]):
-        step = medium.next(crossing, state)
-        interval = in_slot(intervals, step.slot)
-        depth = depth_at(crossing, state, intervals, step)
+        step, depth, steps, onwards, joined = closed(medium, crossing, state, intervals, samples, joined)
         if dr.hint(together, mode="scalar"):  # all lanes of a packet go on to matter, so that none waits for others
-            while dr.hint(
-                (interval.depth <= medium.negligible) & crossing.unfinished(state) & (depth < deepest),
-                exclude=[deepest],
-            ):
+            while dr.hint(onwards & crossing.unfinished(state) & (depth < deepest), exclude=[deepest]):
                 step, intervals, state = onward(medium, crossing, direction, state, intervals, samples, step, depth)
-                step = medium.next(crossing, state)
-                interval = in_slot(intervals, step.slot)
-                depth = depth_at(crossing, state, intervals, step)
-        if interval.depth > medium.negligible:
+                step, depth, steps, onwards, joined = closed(medium, crossing, state, intervals, samples, joined)
+        if ~onwards:
             sample = in_slot(samples, step.slot)
-            total = dr.fmax(depth - interval.before, interval.depth)
-            share = centroid(total)
-            begin, end = in_slot(state.begins, step.slot), step.begin
-            distance = dr.fma(share_at_depth(share, interval.growth), end - begin, begin)
+            total = dr.fmax(depth - steps.front, steps.own)
+            share, front, distance = steps.place(total)
+            begin, end = steps.begin, steps.end
             place = step.ray.inside(step.ray.at(begin + crossing.probe(step.ray, begin)))
-            lit = MarchInterval(step.slot, step.ray, begin, end, place, interval.brick, total, interval.growth)
+            lit = MarchInterval(step.slot, step.ray, begin, end, place, steps.brick, steps.depth, steps.growth)
             point = dr.fma(direction, distance + step.ray.near, origin)
             coloured = medium.sample(lit, dr.fma(share, end - begin, begin))
-            seen = dr.exp(-interval.before)
+            seen = dr.exp(-steps.front)
             light, lamps, smooth = radiance_from_sample(
                 medium, lighting, medium.sample(lit, distance), coloured, point, direction, seen
             )
             log_lamps = logarithms(lamps)
-            rates = sample.rates_to(step.ray.box, log_lamps, dr.fma(share, total, interval.before))
-            new = LitSample(
-                step.ray.box, interval.depth, total, interval.before, share, log_lamps, rates, light, smooth
-            )
+            rates = sample.rates_to(step.ray.box, log_lamps, dr.fma(front, total, steps.front))
+            new = LitSample(step.ray.box, steps.own, total, steps.front, front, log_lamps, rates, light, smooth)
             complete, new, rates = in_order(medium, sample, new, rates)
             channels = accumulated(lighting, channels, complete.gains(rates), complete.light)
             channels = with_smooth(lighting, channels, complete.smooth_gain(), complete.smooth)
@@ -178,6 +171,37 @@ def march(
         step, intervals, state = onward(medium, crossing, direction, state, intervals, samples, step, depth)
     ended = depth >= deepest
     return finished(lighting, channels, samples, depth, ended), dr.select(ended, 0.0, dr.exp(-depth))
+
+
+def closed(
+    medium: Medium,
+    crossing: Crossing,
+    state: MarchState,
+    intervals: list[Interval],
+    samples: list[LitSample],
+    joined: JoinedSteps | None,
+) -> tuple[MarchInterval, Float, JoinedSteps, Bool, JoinedSteps | None]:
+    """The next step, where the open interval of its slot is closed; the optical depth there; that interval with the
+    steps that waited for it; whether these need no sample yet; and the steps that wait now.
+
+    They need none where there is no matter in them, or so little that they are lit with the next step.
+    """
+    step = medium.next(crossing, state)
+    interval = in_slot(intervals, step.slot)
+    depth = depth_at(crossing, state, intervals, step)
+    steps = joined_with(joined, interval, in_slot(state.begins, step.slot), step.begin, depth)
+    onwards = steps.own <= medium.negligible
+    if joined is None or medium.joined is None:
+        return step, depth, steps, onwards, None
+    (least, longest), sample = medium.joined, samples[0]
+    deep = (depth - steps.front) * faster_light(sample) / crossing.frames.deepest
+    if medium.rough or medium.patchy:  # light differs from step to step, however little of it reaches the eye
+        waiting = deep < least
+    else:
+        waiting = (deep * dr.exp(-steps.front) < least) & (deep < MOST_JOINED)
+    waiting &= (step.begin - steps.since < dr.fmin(step.ray.longest, longest)) & (depth < last_depth(medium))
+    waiting &= ~onwards & (step.brick >= 0) & (step.begin < step.ray.far)
+    return step, depth, steps, onwards | waiting, replace(steps, waiting=waiting)
 
 
 def onward(
@@ -222,8 +246,8 @@ def in_order(
 
 def limit(crossing: Crossing, step: MarchInterval, sample: LitSample, boxes: Float) -> Limit:
     """Parts of the step behind a sample: more of them where the light that arrives changes faster than the eye's."""
-    lit, rate = sample.lit(step.ray.box), dr.fmin(sample.mean_rate(), LARGEST_RATE)
-    faster = dr.select(lit, dr.fmax(SLOW_RATE * (1.0 + rate), 1.0), 1.0 / FIRST_STEP)
+    lit = sample.lit(step.ray.box)
+    faster = dr.select(lit, faster_light(sample), 1.0 / FIRST_STEP)
     # what is too deep is the step in all boxes together; of those behind the first sample the share is known
     faster *= dr.select(lit, clip(sample.total / dr.fmax(sample.depth, 1e-12), 1.0, dr.fmax(boxes, 1.0)), boxes)
     faster = dr.detach(faster)
@@ -234,6 +258,12 @@ def limit(crossing: Crossing, step: MarchInterval, sample: LitSample, boxes: Flo
         )
 
     return parts
+
+
+def faster_light(sample: LitSample) -> Float:
+    """How many times shorter steps are behind a sample, as light that arrives changes faster than the eye's."""
+    faster = dr.fmax(SLOW_RATE * (1.0 + dr.fmin(sample.mean_rate(), LARGEST_RATE)), 1.0)
+    return dr.select(sample.depth > 0.0, faster, 1.0 / FIRST_STEP)
 
 
 def no_sample(count: int, lighting: Lighting) -> LitSample:

@@ -28,7 +28,7 @@ import numpy as np
 
 from hagoromo.backend import Array3f, Array4f, Bool, Float, Int, UInt, arrays, clip, lookup
 from hagoromo.transport.chart import SurfacePoint, surface_frame, surface_point_at
-from hagoromo.transport.crossing import LAST_IN_CELL, Cone, Crossing, MarchInterval, MarchState, Ray
+from hagoromo.transport.crossing import LAST_IN_CELL, Cone, Crossing, MarchInterval, MarchState, Ray, share_at_depth
 from hagoromo.transport.element_kinds import Kinds
 from hagoromo.transport.flakes import flakes_of
 from hagoromo.transport.frames import DEFAULT_TOLERANCE, BoxFrame, Frames, Poses
@@ -54,6 +54,9 @@ LEAST_DEPTH = 1e-30  # that single precision computes with
 CLEARANCE_SHARE = 0.8  # share of a clearance that one step may skip: it is interpolated, not exact
 ROUGH = 0.1  # roughness of axes, see `Bricks.character`, from which a step is shaded at several places
 TURNING = 2.0  # optical depth of a step without its projected area, over the deepest, from which that is of two places
+JOINED = 0.1  # of the deepest step: steps of less are lit with the next one, at tolerances far above the usual one
+ROUGH_JOINED, PATCHY_JOINED = 0.5, 0.3  # of that in rough matter, and where materials lie side by side
+LONGEST_JOINED = 0.01  # of the extent of a box's matter
 MOST_PARTS_IN_TEXEL = 64.0  # of a step in a texel
 GAUSS_NODE = 1.0 / math.sqrt(3.0)  # of two, from the middle of an interval, in halves of it
 Limit = Callable[[MarchInterval], Float]  # into how many parts of equal optical depth a step is cut
@@ -91,6 +94,7 @@ class Medium:
         self.patchy = self._is_patchy()
         self.tolerance = dr.opaque(jit.Float, tolerance / DEFAULT_TOLERANCE)  # in units of the usual one
         self.negligible = dr.opaque(jit.Float, negligible_depth(self.boxes))
+        self.joined = self._joined(tolerance)
         dr.eval(self.coarse, self.fine)
 
     def _is_rough(self) -> bool:
@@ -112,6 +116,17 @@ class Medium:
         if self.differentiable or self.textures:
             return False
         return any(len(box.materials) > 1 and box.bricks.material is not None for box in self.boxes)
+
+    def _joined(self, tolerance: float) -> tuple[Float, Float] | None:
+        """Least depth of steps that have a sample of their own, over the deepest one, and the length up to which others
+        are joined [m], see `JoinedSteps`; None where every step has one: at the usual tolerance and finer ones.
+        """
+        if tolerance <= DEFAULT_TOLERANCE or self.differentiable or self.textures or self.frames.slots > 1:
+            return None
+        matter = ROUGH_JOINED if self.rough else PATCHY_JOINED if self.patchy else 1.0
+        extents = [np.linalg.norm(np.ptp(box.matter_corners(), axis=0)) for box in self.boxes]
+        numbers = JOINED * matter * (1.0 - DEFAULT_TOLERANCE / tolerance), LONGEST_JOINED * float(min(extents))
+        return dr.opaque(arrays().Float, numbers[0]), dr.opaque(arrays().Float, numbers[1])
 
     def cross(
         self,
@@ -492,15 +507,3 @@ def _tables(bricks: list[Bricks]) -> tuple[np.ndarray, np.ndarray, list[int]]:
         first.append(first[-1] + table.coarse.size)
     fine.append(np.full(1, -BRICK, np.int32))  # a table without blocks is never read, but must not be empty
     return np.concatenate(coarse), np.concatenate(fine), first[:-1]
-
-
-def depth_share(share: Float, growth: Float) -> Float:
-    """Share of the optical depth of a step in front of a `share` 0…1 of its length, see `MarchInterval`."""
-    return dr.fma(growth * share, share - 1.0, share)
-
-
-def share_at_depth(share: Float, growth: Float) -> Float:
-    """The inverse of `depth_share`: share of the length by which a `share` of the optical depth is reached."""
-    at_begin = 1.0 - growth
-    root = dr.sqrt(dr.fmax(dr.fma(4.0 * growth, share, at_begin * at_begin), 0.0))
-    return dr.fmin(2.0 * share / dr.fmax(at_begin + root, 1e-9), 1.0)

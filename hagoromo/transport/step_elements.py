@@ -11,8 +11,8 @@ from dataclasses import replace
 import drjit as dr
 
 from hagoromo.backend import Array3f, Float, UInt, arrays, clip
-from hagoromo.transport.crossing import MarchInterval
-from hagoromo.transport.medium import Medium, share_at_depth
+from hagoromo.transport.crossing import MarchInterval, share_at_depth
+from hagoromo.transport.medium import Medium
 from hagoromo.transport.sample import Element
 
 PLACES = (-2.0 / math.sqrt(3.0), 0.0, 2.0 / math.sqrt(3.0))  # of a step in rough matter, see `elements_along`

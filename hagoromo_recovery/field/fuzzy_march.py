@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import drjit as dr
 
 from hagoromo.backend import Array3f, Float, arrays, clip
-from hagoromo.transport.medium import share_at_depth
+from hagoromo.transport.crossing import share_at_depth
 from hagoromo.transport.step_elements import centroid
 from hagoromo_recovery.field.matter_march import LAST_DEPTH, LatticeRays, MatterMarch, Piece
 

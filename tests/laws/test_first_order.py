@@ -34,10 +34,11 @@ def truth(name: str):
     ("name", "shadows", "tolerance"),
     [
         *((name, *how) for name in CASES for how in (("march", 0.01), ("map", 0.04))),
+        *((name, "march", 0.16) for name in ("Gaussian ball", "patches of two materials")),  # steps are joined
         *(
             pytest.param(name, *how, marks=pytest.mark.nightly)
             for name in CASES
-            for how in (("march", 0.04), ("map", 0.01))
+            for how in (("march", 0.04), ("map", 0.01), ("map", 0.16))
         ),
     ],
 )

@@ -99,6 +99,26 @@ def test_a_turned_box_is_met_where_it_stands():
     assert depth([slab(10.0, pose=turn)], (-2, 0.05, 0.05), (1, 0, 0)) == pytest.approx(10 * 0.17, rel=6e-4)
 
 
+@pytest.mark.parametrize("tau", [0.3, 4.0, 40.0])
+def test_steps_that_are_lit_together_have_the_light_of_each(tau):
+    """Spheres without shadows under a far lamp send f (1 − T), however many steps share a sample; there are gaps."""
+    random, to_lamp = np.random.default_rng(3), np.array([0.6, 0.0, -0.8])
+    density = random.random((60, 50, 40)) * (random.random((60, 50, 40)) < 0.4)
+    grain = Reflectance(0.2, 0.1, 0.3, 1.5, WHITE, element="sphere")
+    box = VolumeBox.from_arrays(density, np.zeros((60, 50, 40, 3)), 0.01, tau, [grain])
+    medium, lighting = lit([box], [Lamp(to_lamp=to_lamp)], tolerance=0.64)
+    assert medium.joined is not None
+    jit, ahead = arrays(), np.array([0.3, 0.2, 1.0]) / math.sqrt(1.13)
+    places = random.uniform(0.0, 0.3, (2, 200))
+    origin = jit.Array3f(jit.Float(places[0]), jit.Float(places[1]), jit.Float(-0.1))
+    light, passed = march(medium, lighting, origin, vector(*ahead), jit.Float(0), jit.Float(dr.inf))
+    seen, opaque = np.sum([each.numpy() for each in light], axis=0), 1.0 - passed.numpy()
+    f = seen.sum() / opaque.sum()
+    true = element_weights("sphere", vector(*ahead), vector(*to_lamp), vector(*-ahead), 0.2, 0.1, 0.3, 1.5)
+    assert f == pytest.approx(sum(float(part[0]) for part in true), rel=4e-3)  # tabled, see below
+    assert np.ptp(opaque) > 0.01 and np.allclose(seen, f * opaque, rtol=1e-4, atol=1e-6 * f)
+
+
 @pytest.mark.parametrize("nu", [math.inf, 0.6])
 @pytest.mark.parametrize("element", ["plane", "cylinder", "sphere"])
 def test_an_opaque_box_is_its_surface(element, nu):

@@ -89,6 +89,8 @@ def test_shadows_of_few_rays_are_marched_in_dense_matter_alone(monkeypatch):
     assert marching_is_quicker(dense, 640, 128**2)
     assert not marching_is_quicker(dense, 640, 512**2)
     assert not marching_is_quicker(thin, 640, 128**2)
+    loose = Medium(dense.boxes, 0.16)  # whose small steps are joined: fewer samples look up shadows
+    assert [marching_is_quicker(each, 640, 576**2) for each in (dense, loose)] == [False, True]
     assert not marching_is_quicker(Medium([noisy_ball(smooth=True)]), 640, 128**2), "maps of small boxes are quick"
     made = []
     monkeypatch.setattr(prepared_scene, "mapped_attenuation", lambda *some: made.append(some[2]))
