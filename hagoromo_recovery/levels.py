@@ -28,7 +28,7 @@ FOOTPRINT = 2.5  # pixels of a voxel's edge, at least, that pixels are not joine
 MODEL_ERROR, LAST_MODEL_ERROR = 0.02, 0.01  # relative error of the model, of coarse levels and of the last one
 SOFT, SHARP = 1.0, 0.15  # s at begin and end of a coarse level [voxel]
 LAST_SOFT, LAST_SHARP = 2.0 * SHARP, 0.1  # of the last one: it goes on as sharp as the one before ended
-ONLY_SOFT = 0.6  # at begin of the last one where it is the only one, and starts from the hull
+ONLY_SOFT = 0.6  # at begin of the last one where it is the only one, and starts from the hull, or light is unknown
 # s at the end of the last level, where pixels are large [px]: the mean of a square pixel blurs an edge by 0.29 px, the
 # logistic function of width s by 1.8 s, and d rises by about 1.5 a voxel
 PIXEL_EDGE, SOFTEST = 0.24, 0.33  # and s at most [voxel]
@@ -71,6 +71,7 @@ class Levels:
     ) -> None:
         self.views, self.sides, self.rays, self.seed, self.shadows = views, sides, rays, seed, shadows
         self.workers, self.albedo = workers, albedo
+        self.lit = any(view.photograph.lamps for view in views)
         self.start, self.before, self.begin, self.look = start, start, start, look
         self.descent: Descent | None = None
         self.hollow: FoundHollow | None = None
@@ -171,7 +172,7 @@ class Levels:
 
     def _hollows(self, begin: SurfaceShape) -> dict[float, SurfaceShape]:
         """The begin of the last level where it is badly explained, by thickness of the walls that stay [voxel]."""
-        if not any(view.photograph.lamps for view in self.views):
+        if not self.lit:
             return {}
         seen = self._descent(begin, True)
         seen.rendering.softness = SHARP
@@ -197,7 +198,7 @@ class Levels:
         lattice = self.begin.lattice
         pixel = self._joined(lattice) / self._footprint(lattice)  # [voxel]
         end = float(np.clip(PIXEL_EDGE * pixel, LAST_SHARP, SOFTEST))
-        return max(LAST_SOFT if len(self.sides) > 1 else ONLY_SOFT, end), end
+        return max(LAST_SOFT if self.lit and len(self.sides) > 1 else ONLY_SOFT, end), end
 
     def _descent(self, begin: MatterShape, last: bool) -> Descent:
         """The descent of a level."""
@@ -214,7 +215,7 @@ class Levels:
         field, seed = begin.field(), self.seed + max(lattice.shape)
         lamps = LampTable(photographs, lattice)
         made = Descent(field, pixels, lamps, begin.gloss, seed, self.shadows, self.look, self.workers, self.albedo)
-        made.moves.colour_rate = made.moves.colour_rates[int(last)]
+        made.moves.colour_rate = made.moves.colour_rates[int(last or not self.lit)]
         return made
 
 

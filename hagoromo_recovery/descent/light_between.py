@@ -13,7 +13,7 @@ import drjit as dr
 import numpy as np
 from numpy.typing import NDArray
 
-from hagoromo.backend import Array3f, Float, UInt, arrays, lookup, vectors
+from hagoromo.backend import Array3f, Float, UInt, arrays, column, lookup, vectors
 from hagoromo.transport.field.solve import accelerated
 from hagoromo_recovery.field.matter_field import COLOURS
 from hagoromo_recovery.field.matter_march import LatticeRays
@@ -161,7 +161,7 @@ class LitPlaces:
     def sent(self, sky: ObjectSky, whitest: float) -> Array:
         """(m, 3) radiance along the rays of a sky."""
         jit, shading, field = arrays(), self.rendering.shading, self.rendering.field
-        sender = lookup(jit.UInt, sky.sender.astype(np.uint32))
+        sender = column(jit.UInt, sky.sender.astype(np.uint32))
         place, normal = (dr.gather(jit.Array3f, each, sender) for each in (self.place, self.normal))
         looks = field.looks_at(place)
         looks = [*(dr.clip(each, 0.0, whitest) for each in looks[:COLOURS]), *looks[COLOURS:]]

@@ -40,8 +40,8 @@ class Adam:
 
 class MatterMoves(ABC):
     """The nodes of a field that move, and their steps. rates: of its values in the first step of the first level, which
-    starts from the hull, and of others. colour_rates: of body colours in the first step of a coarse level, and of the
-    last one; colour_rate: that of this level. `choose` comes first.
+    starts from the hull, and of others. colour_rates: of body colours in the first step of a coarse level under known
+    lamps, and of others; colour_rate: that of this level. `choose` comes first.
     """
 
     rates: tuple[float, float]

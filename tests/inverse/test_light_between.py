@@ -70,6 +70,21 @@ def test_light_in_a_half_ball_is_that_of_the_closed_form(unit):
     assert between[:, 0].std() < 0.1 * between[:, 0].mean()
 
 
+def test_a_single_ray_that_meets_the_object_brings_half_of_what_it_brings_twice():
+    """Objects that are nearly convex have few such rays: one alone ended in a message of NumPy."""
+    rendering = cavity()
+    light = []
+    for times in (1, 2):
+        sky = sky_of(rendering)
+        ray = np.flatnonzero(inside(sky.places)[sky.receiver] & inside(sky.places)[sky.sender])[:1].repeat(times)
+        sky.receiver, sky.sender, sky.towards, sky.opacity = (
+            each[ray] for each in (sky.receiver, sky.sender, sky.towards, sky.opacity)
+        )
+        light.append(arriving(rendering, 2, 1.0, sky).between)
+    assert light[0].max() > 0.0
+    np.testing.assert_allclose(light[0], 0.5 * light[1], rtol=1e-5)
+
+
 def test_the_light_of_places_is_looked_up_on_their_own_side():
     rendering = cavity()
     sky = sky_of(rendering)
