@@ -29,7 +29,7 @@ EDGE = 2.0  # voxels of the box from no density to all of it
 DEPTH = 7.0  # optical depth of a full voxel that is seen straight on
 INWARDS = 0.6  # voxels of the box that the edge is shifted inwards: light comes from before its middle
 EXTINCTION = "projected"  # as of elements that face the ray: an outline is not seen before the surface
-FINENESS, MOST_SIDE = 4, 768  # voxels of a box by default, per node; along its longest edge at most
+FINENESS, MOST_SIDE = 5, 768  # voxels of a box by default, per node; along its longest edge at most
 SHADOW_BIAS = 1.0  # voxels of the box
 LEAST_BOX, LARGEST_BOX = 8, 2048  # voxels along the longest edge
 SKIN = 6.0  # voxels of the box that hold matter behind the surface
@@ -39,7 +39,7 @@ LEAST_DIM = 1e-3  # factor on the reflectance below which it cannot be made to c
 
 
 def recovered_box(recovered: Recovered, side: int | None = None) -> VolumeBox:
-    """The object as a box of plane elements, `side` voxels along its longest edge (default: four a node).
+    """The object as a box of plane elements, `side` voxels along its longest edge (default: five a node).
 
     Body colours are on the basis of the camera's response under the lamp, or on `smooth_rgb_basis` where one of both
     is not known. A reflectance that would give back more than it receives is dimmed: the name of the box says by how

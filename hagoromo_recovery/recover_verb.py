@@ -57,7 +57,7 @@ def recover(
         shadows: whether the object's shadows on itself are taken into account.
         errors: whether each half of the photographs gives an object of its own, too, so that the errors of places are
             known: that doubles the time.
-        voxels: of the box along its longest edge (default: four a node, up to 768; of fuzzy matter one a node).
+        voxels: of the box along its longest edge (default: five a node, up to 768; of fuzzy matter one a node).
         seed: of the pixels that are drawn.
         light: of photographs without lamps, what it is fixed to: the object; the camera (lamps move with it, or the
             object turns before it); even: the object, and body colours alone hold it. auto tries all three and takes

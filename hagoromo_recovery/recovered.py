@@ -320,7 +320,7 @@ class Recovered:
         return [score(kept.photograph, kept.silhouette, self.picture(kept.photograph)[0]) for kept in self.kept]
 
     def box(self, side: int | None = None) -> VolumeBox:
-        """The object as a volume box of `side` voxels along its longest edge (default: four a node; of fuzzy matter
+        """The object as a volume box of `side` voxels along its longest edge (default: five a node; of fuzzy matter
         one).
         """
         from hagoromo_recovery.export import fuzzy_box, recovered_box
