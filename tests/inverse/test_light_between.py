@@ -77,9 +77,8 @@ def test_a_single_ray_that_meets_the_object_brings_half_of_what_it_brings_twice(
     for times in (1, 2):
         sky = sky_of(rendering)
         ray = np.flatnonzero(inside(sky.places)[sky.receiver] & inside(sky.places)[sky.sender])[:1].repeat(times)
-        sky.receiver, sky.sender, sky.towards, sky.opacity = (
-            each[ray] for each in (sky.receiver, sky.sender, sky.towards, sky.opacity)
-        )
+        for name in ("receiver", "sender", "towards", "opacity"):
+            setattr(sky, name, getattr(sky, name)[ray])
         light.append(arriving(rendering, 2, 1.0, sky).between)
     assert light[0].max() > 0.0
     np.testing.assert_allclose(light[0], 0.5 * light[1], rtol=1e-5)
