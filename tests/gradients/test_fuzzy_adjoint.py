@@ -58,7 +58,7 @@ def scene():
         patch.setattr(FuzzyMarch, "share_of", lambda march, piece: 0.5)  # its derivative is that of held places
         patch.setattr("hagoromo_recovery.field.fuzzy_march.LEAST_DEPTH", 1e-7)
         for march in ("fuzzy_march", "matter_march"):
-            patch.setattr(f"hagoromo_recovery.{march}.LAST_DEPTH", 14.0)
+            patch.setattr(f"hagoromo_recovery.field.{march}.LAST_DEPTH", 14.0)
         aside = random.uniform(-6.0, 6.0, (2, RAYS)) + 8.5
         origin = jit.Array3f(column(aside[0]), column(np.full(RAYS, 1.6)), column(aside[1]))
         way = jit.Array3f(column(random.normal(0, 0.1, RAYS)), column(np.ones(RAYS)), column(np.zeros(RAYS)))
