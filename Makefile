@@ -8,7 +8,7 @@ TOOLS := .venv/pins
 TWO := -n 2 --dist loadfile --no-loadscope-reorder# two processes; tests of one file share its fixtures; files of few long tests are not left for the end
 INSTALL := -m pip install --quiet --disable-pip-version-check --only-binary=:all:
 QUIET := --output-format min-text --min-severity error
-PACKAGES := hagoromo hagoromo_campaigns hagoromo_formats hagoromo_matter hagoromo_page hagoromo_recovery hagoromo_start
+PACKAGES := $(filter-out hagoromo_blender,$(wildcard hagoromo hagoromo_*))
 OWN := --no-deps --no-build-isolation -e .
 # bytecode of tests is kept: to rewrite their assertions takes each process 12 s, every time
 unexport PYTHONDONTWRITEBYTECODE

@@ -1,9 +1,11 @@
 """The project says one thing in all places: version, commands, what the workflow and the hooks run."""
 
 import re
+import tomllib
 from pathlib import Path
 
 import hagoromo as hg
+from hagoromo.files.cache import SOURCES
 from studies.__main__ import main
 from studies.table_of_studies import STUDIES
 
@@ -20,6 +22,20 @@ def test_version_is_the_same_in_code_wheel_citation_and_changelog():
     versions = re.findall(r"^## (\S+)", text("CHANGELOG.md"), re.MULTILINE)
     assert hg.__version__ in versions[:2] and versions[0] in (hg.__version__, "Unreleased")
     assert 'dynamic = ["version"]' in text("pyproject.toml")
+
+
+def test_a_package_is_listed_alike_in_all_places():
+    """Else its types or layers are not checked, its changes do not renew the cache, or it is not shipped."""
+    tool = tomllib.loads(text("pyproject.toml"))["tool"]
+    packages = sorted(path.parent.name for path in ROOT.glob("hagoromo*/__init__.py"))
+    shipped = [name for name in packages if name != "hagoromo_blender"]
+    assert tool["hatch"]["build"]["targets"]["wheel"]["packages"] == tool["importlinter"]["root_packages"] == shipped
+    assert set(packages) <= set(tool["pyrefly"]["project-includes"])
+    assert [*SOURCES, "hagoromo_start"] == shipped
+    beside = r"preload_modules: \[(.+)\]", r"imports: \[(.+)\]"
+    for file, pattern in zip(("mkdocs.yml", "packaging/conda/recipe.yaml"), beside, strict=True):
+        assert {*re.findall(pattern, text(file))[0].split(", "), "hagoromo"} == set(SOURCES), file
+    assert set(re.findall(r"^!(hagoromo\w*)$", text("packaging/Dockerfile.dockerignore"), re.MULTILINE)) == set(shipped)
 
 
 def test_the_workflow_runs_what_anybody_runs():

@@ -17,14 +17,8 @@ from mkdocs.exceptions import PluginError
 from mkdocs.structure.files import File
 
 ROOT = Path(__file__).parents[2]
-PACKAGES = (
-    "hagoromo",
-    "hagoromo_recovery",
-    "hagoromo_campaigns",
-    "hagoromo_page",
-    "hagoromo_formats",
-    "hagoromo_matter",
-)
+LINTED = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"]
+PACKAGES = tuple(name for name in LINTED["root_packages"] if name != "hagoromo_start")  # which has no public name
 SECTION = "API"  # entry of the navigation that the pages stand under
 OPTIONS = "    options:\n      heading_level: 2\n"
 
@@ -90,9 +84,7 @@ def _modules() -> Any:
 
 def _rooms() -> list[str]:
     """The layers of pyproject.toml, from the light to the commands; what is below the light at the end."""
-    with (ROOT / "pyproject.toml").open("rb") as file:
-        contracts = tomllib.load(file)["tool"]["importlinter"]["contracts"]
-    layers = next(c for c in contracts if c.get("containers") == ["hagoromo"])["layers"]
+    layers = next(c for c in LINTED["contracts"] if c.get("containers") == ["hagoromo"])["layers"]
     rooms = [room.strip() for layer in reversed(layers) for room in layer.split("|")]
     light = rooms.index("light")
     return rooms[light:] + rooms[:light]

@@ -9,6 +9,7 @@ import os
 import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import cv2
@@ -25,15 +26,8 @@ from hagoromo_start.caches import find_caches
 from tests.app.imitated_windows import MODULES, NAMES
 
 ROOT = Path(__file__).parents[2]
-PACKAGES = (
-    "hagoromo",
-    "hagoromo_campaigns",
-    "hagoromo_formats",
-    "hagoromo_matter",
-    "hagoromo_page",
-    "hagoromo_recovery",
-    "hagoromo_start",
-)
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+PACKAGES = PROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]["packages"]
 WRITTEN = (*PACKAGES, "studies", "benchmarks", "examples", "docs/hooks")  # where text files are read and written
 WORDS = re.compile(rf"\b({'|'.join(sorted(MODULES.union(*NAMES.values())))})\b")  # a file without any is not parsed
 OPENED = re.compile(r"open\(|read_text\(|write_text\(")
