@@ -12,9 +12,8 @@ def scene_and_settings(scene: Scene | str | Path, settings: Settings | None = No
     """The scene, loaded where `scene` is the path of a TOML file; `settings`, else the file's, else the defaults."""
     if isinstance(scene, Scene):
         return scene, settings or Settings()
-    from hagoromo.image.scene.scene_file import (
-        load_scene,  # only a file needs the readers of boxes, cameras and recipes
-    )
+    # only a file needs the readers of boxes, cameras and recipes
+    from hagoromo.image.scene.scene_file import load_scene
 
     loaded, stated = load_scene(scene)
     return loaded, settings or stated
